@@ -94,7 +94,7 @@ file(
   ${CMAKE_CURRENT_SOURCE_DIR}/python/*.cpp
 )
 nanobind_add_module(cpp NOMINSIZE ${sources})
-target_link_libraries(cpp PRIVATE dolfinx_mortar)
+target_link_libraries(cpp PRIVATE dolfinx_mortar Eigen3::Eigen)
 target_compile_options(cpp PRIVATE ${MORTAR_COMPILE_OPTIONS})
 # The casters for PETSc's objects are switched on by HAS_PETSC4PY.
 target_compile_definitions(cpp PRIVATE HAS_PETSC4PY)

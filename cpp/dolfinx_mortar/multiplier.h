@@ -1,0 +1,78 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "facet.h"
+#include <Eigen/Dense>
+#include <span>
+
+namespace dolfinx_mortar
+{
+/// @brief Spaces of Lagrange multipliers λ_h = Σ Φ_j z_j.
+///
+/// | space      | nodes that carry z                                    | Φ |
+/// |------------|-------------------------------------------------------|---|
+/// | standard   | all of tri3, quad4, quad9; corners of tri6, quad8     | N; linear on tri6, quad8 |
+/// | dual       | all                                                   | dual to Ñ, α = 1/5 on tri6, quad8 |
+/// | dual_linear| corners                                               | dual to the corner functions |
+enum class MultiplierSpace : std::int8_t
+{
+  standard,
+  dual,
+  dual_linear
+};
+
+/// Dense matrix of a facet.
+using FacetMatrix
+    = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor,
+                    max_facet_nodes, max_facet_nodes>;
+
+/// @brief Number of nodes of a facet that carry multipliers; these come first.
+int num_multipliers(MultiplierSpace space, FacetType type);
+
+/// @brief True where the multiplier functions are biorthogonal to Ñ.
+constexpr bool is_dual(MultiplierSpace space)
+{
+  return space != MultiplierSpace::standard;
+}
+
+/// @brief Basis transformation of a facet, Ñᵀ = Nᵀ T (equations 4.5, 4.13).
+///
+/// - dual: Ñ_c = N_c + α Σ_{e∋c} N_e, Ñ_e = (1 - 2α) N_e, α = 1/5 on tri6 and
+///   quad8, T = I elsewhere;
+/// - dual-linear, and standard on tri6 and quad8: Ñ_c = N_c + ½ Σ_{e∋c} N_e
+///   (+ ¼ N_centre), Ñ_e = N_e.
+///
+/// T depends on connectivity alone: entries of nodes shared by facets agree.
+/// @return T, shape (num_nodes, num_nodes).
+FacetMatrix transformation(MultiplierSpace space, FacetType type);
+
+/// @brief Inverse of the basis transformation, d̃ = T⁻¹ d (equations 4.6,
+/// 4.14); exact.
+FacetMatrix inverse_transformation(MultiplierSpace space, FacetType type);
+
+/// @brief Symmetric positive definite matrix, factorised with its diagonal
+/// scaled to one (mass matrices of barely covered facets are close to
+/// singular).
+class ScaledCholesky
+{
+public:
+  /// @return False where the matrix is not positive definite to working
+  /// precision.
+  bool compute(const FacetMatrix& M);
+
+  /// @brief Solve M X = B in place.
+  template <typename Derived>
+  void solve(Eigen::MatrixBase<Derived>& B) const
+  {
+    B.array().colwise() *= _scale.array();
+    _llt.solveInPlace(B);
+    B.array().colwise() *= _scale.array();
+  }
+
+private:
+  Eigen::Matrix<double, Eigen::Dynamic, 1, 0, max_facet_nodes, 1> _scale;
+  Eigen::LLT<FacetMatrix> _llt;
+};
+} // namespace dolfinx_mortar

@@ -1,0 +1,218 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+// The layers that know nothing of meshes: facets, multiplier functions, pairs
+// of facets, integrals of one slave facet.
+
+#include "arrays.h"
+#include <dolfinx_mortar/clip.h>
+#include <dolfinx_mortar/facet.h>
+#include <dolfinx_mortar/integrals.h>
+#include <dolfinx_mortar/multiplier.h>
+#include <dolfinx_mortar/pair.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+namespace nb = nanobind;
+using namespace dolfinx_mortar;
+using namespace dolfinx_mortar_wrappers;
+
+namespace
+{
+template <typename Derived>
+auto matrix(const Eigen::MatrixBase<Derived>& A)
+{
+  const RowMatrix B = A;
+  return as_array(std::vector<double>(B.data(), B.data() + B.size()),
+                  {static_cast<std::size_t>(B.rows()),
+                   static_cast<std::size_t>(B.cols())});
+}
+
+FacetView facet_view(FacetType type, int orientation, In<double> x)
+{
+  if (x.size() != static_cast<std::size_t>(3 * num_nodes(type)))
+    throw std::invalid_argument("Positions do not match the facet type.");
+  return {type, orientation, span(x)};
+}
+
+nb::dict points_dict(PairPoints& p, int width)
+{
+  const std::size_t n = p.w.size();
+  nb::dict d;
+  d["xi"] = as_array(std::move(p.xi), {n, 2});
+  d["eta"] = as_array(std::move(p.eta), {n, 2});
+  if (!p.d.empty() or n == 0)
+    d["d"] = as_array(std::move(p.d), {p.d.empty() ? 0 : n, 5, std::size_t(width)});
+  d["w"] = as_array(std::move(p.w), {n});
+  d["dropped_area"] = p.dropped_area;
+  return d;
+}
+} // namespace
+
+void wrap_facets(nb::module_& m)
+{
+  nb::enum_<FacetType>(m, "FacetType", "Types of facets")
+      .value("tri3", FacetType::tri3)
+      .value("tri6", FacetType::tri6)
+      .value("quad4", FacetType::quad4)
+      .value("quad8", FacetType::quad8)
+      .value("quad9", FacetType::quad9);
+  nb::enum_<MultiplierSpace>(m, "MultiplierSpace", "Spaces of multipliers")
+      .value("standard", MultiplierSpace::standard)
+      .value("dual", MultiplierSpace::dual)
+      .value("dual_linear", MultiplierSpace::dual_linear);
+  nb::enum_<Integration>(m, "Integration", "How the overlap is integrated")
+      .value("segment", Integration::segment)
+      .value("element", Integration::element);
+  nb::enum_<Derivatives>(m, "Derivatives", "Derivatives to compute")
+      .value("none", Derivatives::none)
+      .value("gap", Derivatives::gap)
+      .value("gap_and_slip", Derivatives::gap_and_slip);
+
+  m.def("num_nodes", &num_nodes, nb::arg("type"));
+  m.def("num_corners", &num_corners, nb::arg("type"));
+  m.def(
+      "node_coordinates",
+      [](FacetType type)
+      {
+        auto x = node_coordinates(type);
+        return as_array(std::vector<double>(x.begin(), x.end()),
+                        {x.size() / 2, 2});
+      },
+      nb::arg("type"), "Reference coordinates of the nodes, shape (n, 2).");
+  m.def(
+      "sub_facets",
+      [](FacetType type)
+      {
+        std::vector<std::vector<int>> nodes;
+        for (const SubFacet& s : sub_facets(type))
+          nodes.emplace_back(s.nodes.begin(), s.nodes.begin() + s.size);
+        return nodes;
+      },
+      nb::arg("type"), "Nodes of the linear sub-facets.");
+  m.def(
+      "tabulate",
+      [](FacetType type, std::array<double, 2> xi)
+      {
+        Shapes s;
+        tabulate(type, xi, 2, s);
+        const std::size_t n = num_nodes(type);
+        std::vector<double> v;
+        v.insert(v.end(), s.N.begin(), s.N.begin() + n);
+        for (auto& d : s.dN)
+          v.insert(v.end(), d.begin(), d.begin() + n);
+        for (auto& d : s.ddN)
+          v.insert(v.end(), d.begin(), d.begin() + n);
+        return as_array(std::move(v), {6, n});
+      },
+      nb::arg("type"), nb::arg("xi"),
+      "Shape functions: N, N,1, N,2, N,11, N,12, N,22; shape (6, n).");
+  m.def(
+      "transformation", [](MultiplierSpace s, FacetType t)
+      { return matrix(transformation(s, t)); }, nb::arg("space"),
+      nb::arg("type"), "Basis transformation T of a facet.");
+  m.def(
+      "inverse_transformation", [](MultiplierSpace s, FacetType t)
+      { return matrix(inverse_transformation(s, t)); }, nb::arg("space"),
+      nb::arg("type"), "Inverse of the basis transformation of a facet.");
+  m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"));
+  m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"));
+
+  m.def(
+      "clip",
+      [](const std::vector<std::array<double, 2>>& slave,
+         const std::vector<std::array<double, 2>>& master, double tol)
+      {
+        ClipPolygon p = clip(slave, master, tol);
+        std::vector<double> x;
+        for (int i = 0; i < p.size; ++i)
+          x.insert(x.end(), p.vertices[i].p.begin(), p.vertices[i].p.end());
+        return as_array(std::move(x), {static_cast<std::size_t>(p.size), 2});
+      },
+      nb::arg("slave"), nb::arg("master"), nb::arg("tol"),
+      "Intersection of two polygons, shape (n, 2).");
+
+  m.def(
+      "pair_points",
+      [](FacetType slave_type, int slave_orientation, In<double> slave,
+         FacetType master_type, int master_orientation, In<double> master,
+         Integration integration, int degree, bool derivatives)
+      {
+        const FacetView s = facet_view(slave_type, slave_orientation, slave);
+        const FacetView t = facet_view(master_type, master_orientation, master);
+        std::array<PairPoints, 1> p;
+        if (integration == Integration::segment)
+          append_segment_points(s, t, create_rule(3, degree), derivatives, p[0]);
+        else
+        {
+          std::array<FacetView, 1> masters = {t};
+          append_element_points(s, masters,
+                                create_rule(num_corners(slave_type), degree),
+                                derivatives, p);
+        }
+        return points_dict(p[0],
+                           3 * (num_nodes(slave_type) + num_nodes(master_type)));
+      },
+      nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
+      nb::arg("master_type"), nb::arg("master_orientation"), nb::arg("master"),
+      nb::arg("integration"), nb::arg("degree"), nb::arg("derivatives"),
+      "Quadrature points of a pair of facets.");
+
+  m.def(
+      "integrate_facet",
+      [](FacetType slave_type, int slave_orientation, In<double> slave,
+         In<double> normals, In<std::int8_t> carries, In<double> z,
+         const std::vector<FacetType>& types, In<std::int8_t> orientation,
+         In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
+         Integration integration, std::optional<int> degree,
+         Derivatives derivatives)
+      {
+        FacetList list;
+        list.types = types;
+        list.orientation.assign(orientation.data(),
+                                orientation.data() + orientation.size());
+        for (FacetType t : types)
+          list.offsets.push_back(list.offsets.back() + num_nodes(t));
+        list.blocks.assign(blocks.data(), blocks.data() + blocks.size());
+        list.x.assign(x.data(), x.data() + x.size());
+        std::vector<std::int32_t> masters(types.size());
+        for (std::size_t i = 0; i < masters.size(); ++i)
+          masters[i] = i;
+        FacetIntegrator integrator({space, integration, degree});
+        const FacetIntegrals& r = integrator.compute(
+            facet_view(slave_type, slave_orientation, slave), span(normals),
+            span(carries), span(z), list, masters, derivatives);
+        nb::dict d;
+        d["covered"] = r.covered;
+        d["area"] = r.area;
+        d["dropped_area"] = r.dropped_area;
+        if (!r.covered)
+          return d;
+        d["master_blocks"] = std::vector<std::int64_t>(r.master_blocks);
+        d["coverage"] = matrix(r.coverage);
+        d["diagonal"] = matrix(r.diagonal);
+        d["D_tilde"] = matrix(r.D_tilde);
+        d["D"] = matrix(r.D);
+        d["M"] = matrix(r.M);
+        d["gap"] = matrix(r.gap);
+        d["offset"] = matrix(r.offset);
+        if (derivatives != Derivatives::none)
+        {
+          d["d_force"] = matrix(r.d_force);
+          d["d_gap"] = matrix(r.d_gap);
+          d["d_gap_normal"] = matrix(r.d_gap_normal);
+        }
+        if (derivatives == Derivatives::gap_and_slip)
+          d["d_offset"] = matrix(r.d_offset);
+        return d;
+      },
+      nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
+      nb::arg("normals"), nb::arg("carries"), nb::arg("z"),
+      nb::arg("master_types"), nb::arg("master_orientation"),
+      nb::arg("master_blocks"), nb::arg("masters"), nb::arg("space"),
+      nb::arg("integration"), nb::arg("degree").none(), nb::arg("derivatives"),
+      "Mortar integrals of one slave facet, see FacetIntegrator.");
+}

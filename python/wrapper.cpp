@@ -1,0 +1,18 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include <nanobind/nanobind.h>
+
+namespace nb = nanobind;
+
+void wrap_facets(nb::module_& m);
+void wrap_surface(nb::module_& m);
+void wrap_coupling(nb::module_& m);
+
+NB_MODULE(cpp, m)
+{
+  m.doc() = "Mortar coupling of finite element surfaces: C++ library";
+  wrap_facets(m);
+  wrap_surface(m);
+  wrap_coupling(m);
+}
