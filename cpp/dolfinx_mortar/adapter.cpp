@@ -1,0 +1,416 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "adapter.h"
+#include "compat.h"
+#include "error.h"
+#include <algorithm>
+#include <array>
+#include <basix/cell.h>
+#include <basix/finite-element.h>
+#include <cmath>
+#include <dolfinx/mesh/Topology.h>
+#include <dolfinx/mesh/cell_types.h>
+#include <stdexcept>
+#include <utility>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+using Vector = std::array<double, 3>;
+
+Vector cross(const Vector& a, const Vector& b)
+{
+  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
+          a[0] * b[1] - a[1] * b[0]};
+}
+
+double dot(const Vector& a, const Vector& b)
+{
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/// A facet of the reference cell.
+struct ReferenceFacet
+{
+  FacetType type;
+
+  /// Dofs of the cell at the nodes of the facet, in the order of facet.h
+  std::vector<int> dofs;
+
+  Vector midpoint;
+
+  /// Tangents x,ξ₁ × x,ξ₂ point out of the reference cell
+  bool outward;
+};
+
+/// Check that nodes and values of a space are those of a displacement.
+/// @return Basix element of a component.
+const basix::FiniteElement<double>&
+check_space(const dolfinx::fem::FunctionSpace<double>& V)
+{
+  const dolfinx::mesh::Mesh<double>& mesh = *V.mesh();
+  if (mesh.geometry().dim() != 3 or mesh.topology()->dim() != 3)
+  {
+    throw std::runtime_error(
+        "Mortar coupling is for three-dimensional bodies: the mesh has "
+        "topological dimension "
+        + std::to_string(mesh.topology()->dim()) + " and geometric dimension "
+        + std::to_string(mesh.geometry().dim()) + ".");
+  }
+  const auto cell = mesh.topology()->cell_type();
+  if (cell != dolfinx::mesh::CellType::tetrahedron
+      and cell != dolfinx::mesh::CellType::hexahedron)
+  {
+    throw std::runtime_error("Cells of type " + dolfinx::mesh::to_string(cell)
+                             + " are not supported: use tetrahedra or "
+                               "hexahedra.");
+  }
+  if (!V.component().empty() or V.element()->is_mixed())
+  {
+    throw std::runtime_error(
+        "The space is mixed or part of another space: displacements need a "
+        "space of their own, fem.functionspace(mesh, (\"Lagrange\", degree, "
+        "(3,))).");
+  }
+
+  const basix::FiniteElement<double>& e = [&]() -> auto&
+  {
+    try
+    {
+      return V.element()->basix_element();
+    }
+    catch (const std::exception&)
+    {
+      throw std::runtime_error(
+          "The element of the space has no basis functions (quadrature "
+          "element?): use Lagrange of degree 1 or 2, or "
+          "dolfinx_mortar.hex20().");
+    }
+  }();
+  if (!e.value_shape().empty())
+  {
+    throw std::runtime_error(
+        "The components of the space's element are coupled (Nedelec, "
+        "Raviart-Thomas, ...): use a blocked Lagrange element, "
+        "(\"Lagrange\", degree, (3,)).");
+  }
+  if (e.discontinuous() or e.entity_closure_dofs()[2][0].empty())
+  {
+    throw std::runtime_error(
+        "The space is discontinuous, so that facets have no dofs of their own: "
+        "use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
+  }
+  if (!e.interpolation_is_identity())
+  {
+    if (e.family() == basix::element::family::serendipity)
+    {
+      throw std::runtime_error(
+          "The space uses Basix serendipity, whose edge dofs are moments: use "
+          "dolfinx_mortar.hex20(), whose dofs are values at nodes.");
+    }
+    throw std::runtime_error(
+        "The dofs of the space are not values at nodes: use Lagrange of degree "
+        "1 or 2, or dolfinx_mortar.hex20().");
+  }
+  if (V.dofmap()->bs() != 3 or V.dofmap()->index_map_bs() != 3)
+  {
+    throw std::runtime_error(
+        "The space has " + std::to_string(V.dofmap()->bs())
+        + " component(s), a displacement has 3: use fem.functionspace(mesh, "
+          "(\"Lagrange\", degree, (3,))).");
+  }
+  return e;
+}
+
+/// Facets of the reference cell with their dofs, found by position: this is
+/// independent of how an element numbers its dofs.
+std::vector<ReferenceFacet>
+reference_facets(const basix::FiniteElement<double>& e)
+{
+  const auto topology = basix::cell::topology(e.cell_type());
+  const std::vector<double> geometry
+      = basix::cell::geometry<double>(e.cell_type()).first;
+  const std::vector<double>& points = e.points().first;
+  auto vertex = [&](int v) -> Vector
+  { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
+  Vector centre = {};
+  const int num_vertices = topology[0].size();
+  for (int v = 0; v < num_vertices; ++v)
+    for (int c = 0; c < 3; ++c)
+      centre[c] += vertex(v)[c] / num_vertices;
+
+  std::vector<ReferenceFacet> facets(topology[2].size());
+  for (std::size_t f = 0; f < facets.size(); ++f)
+  {
+    ReferenceFacet& facet = facets[f];
+    const std::vector<int>& closure = e.entity_closure_dofs()[2][f];
+    const bool triangle = topology[2][f].size() == 3;
+    const auto type = [&]() -> FacetType
+    {
+      switch (closure.size())
+      {
+      case 3:
+        return FacetType::tri3;
+      case 6:
+        return FacetType::tri6;
+      case 4:
+        return FacetType::quad4;
+      case 8:
+        return FacetType::quad8;
+      case 9:
+        return FacetType::quad9;
+      default:
+        throw std::runtime_error(
+            "Facets with " + std::to_string(closure.size())
+            + " nodes are not supported (an element of degree "
+            + std::to_string(e.degree())
+            + "?): use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
+      }
+    };
+    facet.type = type();
+
+    const Vector x0 = vertex(topology[2][f][0]);
+    Vector t0 = vertex(topology[2][f][1]), t1 = vertex(topology[2][f][2]);
+    Vector out;
+    for (int c = 0; c < 3; ++c)
+    {
+      t0[c] -= x0[c];
+      t1[c] -= x0[c];
+      facet.midpoint[c] = x0[c] + (t0[c] + t1[c]) / (triangle ? 3 : 2);
+      out[c] = facet.midpoint[c] - centre[c];
+    }
+    facet.outward = dot(cross(t0, t1), out) > 0;
+
+    const std::span<const double> nodes = node_coordinates(facet.type);
+    for (int k = 0; k < num_nodes(facet.type); ++k)
+    {
+      auto is_node = [&](int dof)
+      {
+        double distance = 0;
+        for (int c = 0; c < 3; ++c)
+        {
+          const double x = x0[c] + nodes[2 * k] * t0[c] + nodes[2 * k + 1] * t1[c];
+          distance += std::abs(points[3 * dof + c] - x);
+        }
+        return distance < 1e-8;
+      };
+      const auto dof = std::ranges::find_if(closure, is_node);
+      if (triangle != (num_corners(facet.type) == 3) or dof == closure.end())
+      {
+        throw std::runtime_error(
+            "The dofs of the space are not values at the vertices and the "
+            "midpoints of edges and facets: use Lagrange of degree 1 or 2, or "
+            "dolfinx_mortar.hex20().");
+      }
+      facet.dofs.push_back(*dof);
+    }
+  }
+  return facets;
+}
+
+/// Derivatives of the functions of a coordinate element at a point, shape (3,
+/// number of functions).
+std::vector<double>
+tabulate_derivatives(const dolfinx::fem::CoordinateElement<double>& cmap,
+                     const Vector& X)
+{
+  const std::array<std::size_t, 4> shape = cmap.tabulate_shape(1, 1);
+  std::vector<double> phi(shape[0] * shape[1] * shape[2] * shape[3]);
+  cmap.tabulate(1, X, {1, 3}, phi);
+  return std::vector(phi.begin() + shape[2], phi.end());
+}
+
+/// Determinant of the Jacobian of a cell.
+/// @param[in] dphi Derivatives, shape (3, number of nodes).
+/// @param[in] nodes Geometry nodes of the cell.
+/// @param[in] x Positions of nodes.
+double jacobian_determinant(std::span<const double> dphi,
+                            std::span<const std::int32_t> nodes,
+                            std::span<const double> x)
+{
+  std::array<Vector, 3> J = {};
+  for (int i = 0; i < 3; ++i)
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+      for (int c = 0; c < 3; ++c)
+        J[i][c] += dphi[i * nodes.size() + k] * x[3 * nodes[k] + c];
+  return dot(cross(J[0], J[1]), J[2]);
+}
+
+/// Midpoint of the geometry nodes of a cell.
+std::string cell_midpoint(const dolfinx::mesh::Mesh<double>& mesh,
+                          std::int32_t cell)
+{
+  const auto nodes = compat::geometry_nodes(mesh, cell);
+  Vector x = {};
+  for (std::int32_t n : nodes)
+    for (int c = 0; c < 3; ++c)
+      x[c] += mesh.geometry().x()[3 * n + c] / nodes.size();
+  return to_string(x);
+}
+} // namespace
+
+//-----------------------------------------------------------------------------
+std::vector<std::vector<std::int64_t>> dolfinx_mortar::number_blocks(
+    const std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>>&
+        maps)
+{
+  if (maps.empty())
+    return {};
+  MPI_Comm comm = maps.front().get().comm();
+  int size;
+  MPI_Comm_size(comm, &size);
+
+  // Number of blocks of each body on each rank
+  const std::size_t n = maps.size();
+  std::vector<std::int64_t> local(n), all(n * size);
+  for (std::size_t b = 0; b < n; ++b)
+    local[b] = maps[b].get().size_local();
+  MPI_Allgather(local.data(), n, MPI_INT64_T, all.data(), n, MPI_INT64_T, comm);
+
+  // What to add to the index of a block in its own body's map
+  std::vector<std::int64_t> shift(n * size), first(n, 0);
+  std::int64_t number = 0;
+  for (int r = 0; r < size; ++r)
+    for (std::size_t b = 0; b < n; ++b)
+    {
+      shift[n * r + b] = number - first[b];
+      number += all[n * r + b];
+      first[b] += all[n * r + b];
+    }
+
+  int rank;
+  MPI_Comm_rank(comm, &rank);
+  std::vector<std::vector<std::int64_t>> numbers(n);
+  for (std::size_t b = 0; b < n; ++b)
+  {
+    const dolfinx::common::IndexMap& map = maps[b];
+    for (std::int64_t i = map.local_range()[0]; i < map.local_range()[1]; ++i)
+      numbers[b].push_back(i + shift[n * rank + b]);
+    for (std::size_t i = 0; i < map.ghosts().size(); ++i)
+      numbers[b].push_back(map.ghosts()[i] + shift[n * map.owners()[i] + b]);
+  }
+  return numbers;
+}
+//-----------------------------------------------------------------------------
+Surface
+dolfinx_mortar::create_surface(const dolfinx::fem::FunctionSpace<double>& V,
+                               std::span<const std::int32_t> facets,
+                               std::span<const std::int64_t> block_numbers,
+                               const std::string& name)
+{
+  const std::vector<ReferenceFacet> reference
+      = reference_facets(check_space(V));
+  const dolfinx::mesh::Mesh<double>& mesh = *V.mesh();
+  MPI_Comm comm = mesh.comm();
+  mesh.topology_mutable()->create_entities(2);
+  mesh.topology_mutable()->create_connectivity(2, 3);
+  mesh.topology_mutable()->create_connectivity(3, 2);
+  const dolfinx::mesh::Topology& topology = *mesh.topology();
+  const auto facet_cells = topology.connectivity(2, 3);
+  const auto cell_facets = topology.connectivity(3, 2);
+  const std::int32_t num_cells = topology.index_map(3)->size_local();
+
+  std::vector<std::int32_t> sorted(facets.begin(), facets.end());
+  std::ranges::sort(sorted);
+  sorted.erase(std::ranges::unique(sorted).begin(), sorted.end());
+  std::string message;
+  if (!sorted.empty()
+      and (sorted.front() < 0 or sorted.back() >= facet_cells->num_nodes()))
+  {
+    message = "The " + name + " has a facet with an index out of range: facets "
+              "are given by their local indices in the mesh.";
+  }
+  throw_on_all(comm, message);
+
+  // Jacobians at the midpoints of facets decide which way facets are oriented
+  const auto& cmap = compat::coordinate_element(mesh);
+  std::vector<std::vector<double>> dphi;
+  for (const ReferenceFacet& facet : reference)
+    dphi.push_back(tabulate_derivatives(cmap, facet.midpoint));
+
+  // Without ghost cells a facet inside the mesh has one cell on each of its
+  // two ranks; the topology knows these
+  std::vector<std::int32_t> shared(topology.interprocess_facets().begin(),
+                                   topology.interprocess_facets().end());
+  std::ranges::sort(shared);
+
+  std::vector<FacetType> types;
+  std::vector<std::int8_t> orientation;
+  std::vector<std::int32_t> blocks;
+  for (std::int32_t f : sorted)
+  {
+    const auto cells = facet_cells->links(f);
+    const auto cell = std::ranges::find_if(cells, [=](std::int32_t c)
+                                           { return c < num_cells; });
+    if (cell == cells.end())
+      continue;
+    if (cells.size() > 1 or std::ranges::binary_search(shared, f))
+    {
+      message = "The " + name
+                + " has facets inside the mesh, between two cells, one of them "
+                  "at "
+                + cell_midpoint(mesh, *cell)
+                + ": a surface must lie on the boundary of its body (bodies of "
+                  "one mesh must not share nodes).";
+      break;
+    }
+
+    const auto local = cell_facets->links(*cell);
+    const std::size_t i
+        = std::distance(local.begin(), std::ranges::find(local, f));
+    types.push_back(reference[i].type);
+    const double detJ
+        = jacobian_determinant(dphi[i], compat::geometry_nodes(mesh, *cell),
+                               mesh.geometry().x());
+    orientation.push_back(reference[i].outward == (detJ > 0) ? 1 : -1);
+    const auto dofs = V.dofmap()->cell_dofs(*cell);
+    for (int dof : reference[i].dofs)
+      blocks.push_back(dofs[dof]);
+  }
+  throw_on_all(comm, message);
+
+  const dolfinx::common::IndexMap& map = *V.dofmap()->index_map;
+  if (block_numbers.size()
+      != static_cast<std::size_t>(map.size_local() + map.num_ghosts()))
+  {
+    message = "Each local block of the function space needs a number.";
+  }
+  throw_on_all(comm, message);
+
+  const Surface s = create_surface(
+      comm, std::move(types), blocks, std::move(orientation), block_numbers,
+      map.size_local(), map.owners(), V.tabulate_dof_coordinates(false));
+  if (s.num_global == 0)
+  {
+    throw std::runtime_error("The " + name
+                             + " has no facets on any rank: check the tag and "
+                               "the mesh's facet tags.");
+  }
+  check_areas(s, s.X, name);
+  return s;
+}
+//-----------------------------------------------------------------------------
+Surface dolfinx_mortar::create_surface(
+    const dolfinx::fem::FunctionSpace<double>& V,
+    const dolfinx::mesh::MeshTags<std::int32_t>& tags, std::int32_t tag,
+    const std::string& side, std::span<const std::int64_t> block_numbers)
+{
+  const std::string name
+      = side + " surface (facet tag " + std::to_string(tag) + ")";
+  if (tags.dim() != 2)
+  {
+    throw std::runtime_error("The " + name + " needs tags of facets, but these "
+                             "tag entities of dimension "
+                             + std::to_string(tags.dim()) + ".");
+  }
+  if (tags.topology() != V.mesh()->topology())
+  {
+    throw std::runtime_error("The facet tags of the " + name
+                             + " are those of another mesh than the one of its "
+                               "function space.");
+  }
+  return create_surface(V, tags.find(tag), block_numbers, name);
+}
+//-----------------------------------------------------------------------------

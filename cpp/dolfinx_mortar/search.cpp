@@ -1,0 +1,470 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "search.h"
+#include "error.h"
+#include "mpi_exchange.h"
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <utility>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+using Vector = std::array<double, 3>;
+
+constexpr double inf = std::numeric_limits<double>::infinity();
+
+/// Box with sides along the axes.
+struct Box
+{
+  Vector lower = {inf, inf, inf};
+  Vector upper = {-inf, -inf, -inf};
+};
+
+void add(Box& box, const Vector& x)
+{
+  for (int c = 0; c < 3; ++c)
+  {
+    box.lower[c] = std::min(box.lower[c], x[c]);
+    box.upper[c] = std::max(box.upper[c], x[c]);
+  }
+}
+
+Box grown(const Box& box, double distance)
+{
+  Box b = box;
+  for (int c = 0; c < 3; ++c)
+  {
+    b.lower[c] -= distance;
+    b.upper[c] += distance;
+  }
+  return b;
+}
+
+bool meet(const Box& a, const Box& b)
+{
+  for (int c = 0; c < 3; ++c)
+    if (!(a.lower[c] <= b.upper[c] and b.lower[c] <= a.upper[c]))
+      return false;
+  return true;
+}
+
+/// What the search needs to know of a facet.
+struct Outline
+{
+  Box box;
+
+  /// Largest distance between two nodes
+  double diameter = 0;
+
+  /// Outward normals of the sub-facets, not normalised
+  std::array<Vector, 5> normals;
+  int num_normals = 0;
+};
+
+/// Control points of the Bézier form of a facet, whose convex hull contains
+/// the facet.
+int control_points(FacetType type, std::span<const Vector> x,
+                   std::array<Vector, max_facet_nodes>& b)
+{
+  const int n = num_nodes(type);
+  std::copy_n(x.begin(), n, b.begin());
+  if (!is_second_order(type))
+    return n;
+
+  const int num = num_corners(type);
+  const auto corners = edge_corners(type);
+  for (int e = 0; e < num; ++e)
+    for (int c = 0; c < 3; ++c)
+    {
+      b[num + e][c] = 2 * x[num + e][c]
+                      - 0.5 * (x[corners[e][0]][c] + x[corners[e][1]][c]);
+    }
+  if (type == FacetType::tri6)
+    return n;
+
+  // Centre: twice the line formula above, once in each direction. In quad8 the
+  // centre is at Σ edges / 2 - Σ corners / 4.
+  for (int c = 0; c < 3; ++c)
+  {
+    double sum_c = 0, sum_e = 0;
+    for (int k = 0; k < 4; ++k)
+    {
+      sum_c += x[k][c];
+      sum_e += x[4 + k][c];
+    }
+    const double centre
+        = type == FacetType::quad9 ? x[8][c] : 0.5 * sum_e - 0.25 * sum_c;
+    b[8][c] = 4 * centre - sum_e + 0.25 * sum_c;
+  }
+  return 9;
+}
+
+/// @param[in] type,orientation Facet.
+/// @param[in] x Positions of its nodes.
+Outline outline(FacetType type, std::int8_t orientation,
+                std::span<const Vector> x)
+{
+  Outline o;
+  std::array<Vector, max_facet_nodes> b;
+  const int num_points = control_points(type, x, b);
+  for (int k = 0; k < num_points; ++k)
+    add(o.box, b[k]);
+
+  double squared = 0;
+  for (std::size_t k = 0; k < x.size(); ++k)
+    for (std::size_t l = 0; l < k; ++l)
+    {
+      double d = 0;
+      for (int c = 0; c < 3; ++c)
+        d += (x[k][c] - x[l][c]) * (x[k][c] - x[l][c]);
+      squared = std::max(squared, d);
+    }
+  o.diameter = std::sqrt(squared);
+
+  for (const SubFacet& sub : sub_facets(type))
+  {
+    // Directions of the tangents at the centre
+    Vector a, b;
+    const auto& [i, j, k, l] = sub.nodes;
+    for (int c = 0; c < 3; ++c)
+    {
+      a[c] = x[j][c] - x[i][c];
+      b[c] = x[k][c] - x[i][c];
+      if (sub.size == 4)
+      {
+        a[c] += x[l][c] - x[k][c];
+        b[c] += x[l][c] - x[j][c];
+      }
+    }
+    o.normals[o.num_normals++] = {orientation * (a[1] * b[2] - a[2] * b[1]),
+                                  orientation * (a[2] * b[0] - a[0] * b[2]),
+                                  orientation * (a[0] * b[1] - a[1] * b[0])};
+  }
+  return o;
+}
+
+bool oppose(const Outline& a, const Outline& b)
+{
+  for (int i = 0; i < a.num_normals; ++i)
+    for (int j = 0; j < b.num_normals; ++j)
+    {
+      const Vector &p = a.normals[i], &q = b.normals[j];
+      if (p[0] * q[0] + p[1] * q[1] + p[2] * q[2] < 0)
+        return true;
+    }
+  return false;
+}
+
+/// Outlines of all facets of a surface.
+std::vector<Outline> outlines(const Surface& s, std::span<const double> x)
+{
+  std::vector<Outline> o;
+  o.reserve(s.types.size());
+  std::array<Vector, max_facet_nodes> points;
+  for (std::size_t f = 0; f < s.types.size(); ++f)
+  {
+    std::span<const std::int32_t> nodes = facet_nodes(s, f);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+      std::copy_n(x.data() + 3 * nodes[k], 3, points[k].begin());
+    o.push_back(outline(s.types[f], s.orientation[f],
+                        std::span(points).first(nodes.size())));
+  }
+  return o;
+}
+
+/// A node of a facet as it travels.
+struct Node
+{
+  std::int64_t block;
+  Vector x;
+};
+
+/// A facet as it travels; its nodes travel beside it.
+struct Facet
+{
+  FacetType type;
+  std::int8_t orientation;
+};
+
+/// A list of facets with their nodes one after the other.
+struct Facets
+{
+  std::vector<Facet> facets;
+  std::vector<std::int32_t> offsets = {0};
+  std::vector<Node> nodes;
+};
+
+void append(Facets& list, const Surface& s, std::span<const double> x,
+            std::int32_t f)
+{
+  list.facets.push_back({s.types[f], s.orientation[f]});
+  for (std::int32_t k : facet_nodes(s, f))
+  {
+    list.nodes.push_back(
+        {s.blocks[k], {x[3 * k], x[3 * k + 1], x[3 * k + 2]}});
+  }
+  list.offsets.push_back(list.nodes.size());
+}
+
+/// Bounding box tree, depth first: the first child of entry `i` is `i + 1`, and
+/// `next` leads past the subtree of an entry.
+struct Tree
+{
+  struct Entry
+  {
+    Box box;
+    std::int32_t next;
+    std::int32_t begin, end;
+    bool leaf;
+  };
+  std::vector<Entry> entries;
+
+  /// Leaves hold `order[begin:end]`
+  std::vector<std::int32_t> order;
+};
+
+void build(Tree& tree, std::span<const Box> boxes, std::int32_t begin,
+           std::int32_t end)
+{
+  constexpr int leaf_size = 8;
+  const std::size_t i = tree.entries.size();
+  Box box, centres;
+  auto centre = [&](std::int32_t k, int c)
+  { return boxes[k].lower[c] + boxes[k].upper[c]; };
+  for (std::int32_t j = begin; j < end; ++j)
+  {
+    const std::int32_t k = tree.order[j];
+    add(box, boxes[k].lower);
+    add(box, boxes[k].upper);
+    add(centres, {centre(k, 0), centre(k, 1), centre(k, 2)});
+  }
+  tree.entries.push_back({box, 0, begin, end, end - begin <= leaf_size});
+  if (!tree.entries[i].leaf)
+  {
+    int axis = 0;
+    for (int c = 1; c < 3; ++c)
+      if (centres.upper[c] - centres.lower[c]
+          > centres.upper[axis] - centres.lower[axis])
+        axis = c;
+    const std::int32_t middle = begin + (end - begin) / 2;
+    auto it = tree.order.begin();
+    std::nth_element(it + begin, it + middle, it + end, [&](auto a, auto b)
+                     { return centre(a, axis) < centre(b, axis); });
+    build(tree, boxes, begin, middle);
+    build(tree, boxes, middle, end);
+  }
+  tree.entries[i].next = tree.entries.size();
+}
+
+Tree create_tree(std::span<const Box> boxes)
+{
+  Tree tree;
+  tree.order.resize(boxes.size());
+  std::iota(tree.order.begin(), tree.order.end(), 0);
+  if (!boxes.empty())
+    build(tree, boxes, 0, boxes.size());
+  return tree;
+}
+
+/// Call `fn` with the index of each box that meets a given one, and perhaps of
+/// some that do not.
+template <typename F>
+void query(const Tree& tree, const Box& box, F&& fn)
+{
+  std::size_t i = 0;
+  while (i < tree.entries.size())
+  {
+    const Tree::Entry& e = tree.entries[i];
+    if (!meet(e.box, box))
+    {
+      i = e.next;
+      continue;
+    }
+    if (e.leaf)
+      std::for_each(tree.order.begin() + e.begin, tree.order.begin() + e.end,
+                    fn);
+    ++i;
+  }
+}
+
+/// The facets of this rank, and those that other ranks send, that are near
+/// this rank's slave facets. Collective.
+/// @param[in] box Box around this rank's slave facets.
+/// @param[in] s,x,boxes Master surface, its positions, boxes of its facets.
+Facets collect(const Box& box, const Surface& s, std::span<const double> x,
+               std::span<const Box> boxes)
+{
+  int rank, size;
+  MPI_Comm_rank(s.comm, &rank);
+  MPI_Comm_size(s.comm, &size);
+  std::vector<Box> rank_boxes(size);
+  static_assert(sizeof(Box) == 6 * sizeof(double));
+  MPI_Allgather(&box, 6, MPI_DOUBLE, rank_boxes.data(), 6, MPI_DOUBLE, s.comm);
+
+  Box all;
+  for (const Box& b : boxes)
+  {
+    add(all, b.lower);
+    add(all, b.upper);
+  }
+
+  Facets near;
+  RankData<Facet> facets;
+  RankData<Node> nodes;
+  for (int r = 0; r < size; ++r)
+  {
+    if (boxes.empty() or !meet(all, rank_boxes[r]))
+      continue;
+    Facets list;
+    for (std::size_t f = 0; f < boxes.size(); ++f)
+      if (meet(boxes[f], rank_boxes[r]))
+        append(list, s, x, f);
+    if (r == rank)
+      near = std::move(list);
+    else if (!list.facets.empty())
+    {
+      facets.ranks.push_back(r);
+      facets.values.insert(facets.values.end(), list.facets.begin(),
+                           list.facets.end());
+      facets.offsets.push_back(facets.values.size());
+      nodes.ranks.push_back(r);
+      nodes.values.insert(nodes.values.end(), list.nodes.begin(),
+                          list.nodes.end());
+      nodes.offsets.push_back(nodes.values.size());
+    }
+  }
+
+  if (size > 1)
+  {
+    const RankData<Facet> f = exchange(s.comm, facets);
+    const RankData<Node> n = exchange(s.comm, nodes);
+    near.facets.insert(near.facets.end(), f.values.begin(), f.values.end());
+    near.nodes.insert(near.nodes.end(), n.values.begin(), n.values.end());
+    for (const Facet& facet : f.values)
+      near.offsets.push_back(near.offsets.back() + num_nodes(facet.type));
+  }
+  return near;
+}
+} // namespace
+
+//-----------------------------------------------------------------------------
+Candidates dolfinx_mortar::find_candidates(const Surface& slave,
+                                           std::span<const double> x_slave,
+                                           const Surface& master,
+                                           std::span<const double> x_master,
+                                           std::optional<double> distance)
+{
+  std::string message;
+  auto check = [&](const Surface& s, std::span<const double> x)
+  {
+    if (x.size() != 3 * s.numbers.size())
+      message = "Positions need three values for each node of a surface.";
+    else if (!std::ranges::all_of(x, [](double v) { return std::isfinite(v); }))
+      message = "The position of a surface node is not finite (NaN or "
+                "infinite): the solver has diverged.";
+  };
+  check(slave, x_slave);
+  check(master, x_master);
+  if (distance and !(*distance > 0 and std::isfinite(*distance)))
+    message = "The search distance must be a positive length.";
+  throw_on_all(slave.comm, message);
+
+  // Without a given distance it is that of a pair, max(d_slave, d_master):
+  // boxes grown by their own facet's diameter meet in every such pair, and in
+  // some more
+  auto reach = [&](const Outline& o) { return distance ? 0 : o.diameter; };
+  const double extra = distance.value_or(0);
+
+  const std::vector<Outline> slaves = outlines(slave, x_slave);
+  Box box;
+  for (const Outline& o : slaves)
+  {
+    const Box b = grown(o.box, reach(o) + extra);
+    add(box, b.lower);
+    add(box, b.upper);
+  }
+  Facets near;
+  {
+    const std::vector<Outline> local = outlines(master, x_master);
+    std::vector<Box> boxes(local.size());
+    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
+                           { return grown(o.box, reach(o)); });
+    near = collect(box, master, x_master, boxes);
+  }
+
+  // Master facets by their blocks
+  auto nodes = [&](std::int32_t f)
+  {
+    return std::span(near.nodes)
+        .subspan(near.offsets[f], near.offsets[f + 1] - near.offsets[f]);
+  };
+  std::vector<std::int32_t> order(near.facets.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::ranges::sort(order, [&](std::int32_t a, std::int32_t b)
+                    { return std::ranges::lexicographical_compare(
+                          nodes(a), nodes(b), {}, &Node::block, &Node::block); });
+
+  std::vector<Outline> masters;
+  std::vector<Box> boxes;
+  masters.reserve(order.size());
+  boxes.reserve(order.size());
+  std::array<Vector, max_facet_nodes> points;
+  for (std::int32_t f : order)
+  {
+    std::ranges::transform(nodes(f), points.begin(), &Node::x);
+    masters.push_back(outline(near.facets[f].type, near.facets[f].orientation,
+                              std::span(points).first(nodes(f).size())));
+    boxes.push_back(grown(masters.back().box, reach(masters.back())));
+  }
+
+  Candidates candidates;
+  candidates.offsets.reserve(slaves.size() + 1);
+  candidates.offsets.push_back(0);
+  std::vector<std::int32_t>& pairs = candidates.facets;
+  const Tree tree = create_tree(boxes);
+  for (const Outline& s : slaves)
+  {
+    query(tree, grown(s.box, reach(s) + extra),
+          [&](std::int32_t m)
+          {
+            const double d
+                = distance.value_or(std::max(s.diameter, masters[m].diameter));
+            if (meet(grown(s.box, d), masters[m].box) and oppose(s, masters[m]))
+              pairs.push_back(m);
+          });
+    std::sort(pairs.begin() + candidates.offsets.back(), pairs.end());
+    candidates.offsets.push_back(pairs.size());
+  }
+
+  // Keep the masters that are in a pair
+  std::vector<std::int32_t> index(order.size(), -1);
+  for (std::int32_t m : pairs)
+    index[m] = 0;
+  FacetList& list = candidates.master;
+  for (std::size_t m = 0; m < order.size(); ++m)
+  {
+    if (index[m] < 0)
+      continue;
+    index[m] = list.types.size();
+    const Facet& facet = near.facets[order[m]];
+    list.types.push_back(facet.type);
+    list.orientation.push_back(facet.orientation);
+    for (const Node& node : nodes(order[m]))
+    {
+      list.blocks.push_back(node.block);
+      list.x.insert(list.x.end(), node.x.begin(), node.x.end());
+    }
+    list.offsets.push_back(list.blocks.size());
+  }
+  for (std::int32_t& m : pairs)
+    m = index[m];
+  return candidates;
+}
+//-----------------------------------------------------------------------------

@@ -1,0 +1,69 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "surface.h"
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief Facets that carry the positions of their nodes with them, as they
+/// travel between ranks.
+struct FacetList
+{
+  /// Type of each facet
+  std::vector<FacetType> types;
+
+  /// +1 where x,ξ₁ × x,ξ₂ points out of the body, -1 where it points into it
+  std::vector<std::int8_t> orientation;
+
+  /// Nodes of facet `f` are the entries `offsets[f]` to `offsets[f + 1]` of
+  /// `blocks` and `x`
+  std::vector<std::int32_t> offsets = {0};
+
+  /// Displacement block (number in the coupled problem) of each node
+  std::vector<std::int64_t> blocks;
+
+  /// Current position of each node, shape (offsets.back(), 3)
+  std::vector<double> x;
+};
+
+/// @brief Pairs of facets that may meet.
+struct Candidates
+{
+  /// Master facets near the slave facets of this rank
+  FacetList master;
+
+  /// Masters of slave facet `f` are `facets[offsets[f]:offsets[f + 1]]`,
+  /// indices into `master`, ascending
+  std::vector<std::int32_t> offsets, facets;
+};
+
+/// @brief Find the master facets near each slave facet. Collective.
+///
+/// A pair is a candidate if the bounding boxes of the facets are no further
+/// apart than the search distance (in any coordinate) and some of the normals
+/// of their sub-facets oppose. The boxes hold the facets entirely, also where
+/// these are curved and bulge beyond their nodes. Every rank learns the box of
+/// every other rank's slave facets; master facets travel only to the ranks
+/// whose box they meet.
+///
+/// @param[in] slave,master Surfaces.
+/// @param[in] x_slave,x_master Current positions of their local nodes, shape
+/// (n, 3).
+/// @param[in] distance Search distance (a length); by default the larger
+/// diameter of the two facets of a pair.
+/// @return Candidates; `master` holds only facets that are in a pair, sorted by
+/// their blocks, so that the order does not depend on the ranks they came from.
+/// @throw std::runtime_error On all ranks, where positions are not finite or
+/// the distance is not positive.
+Candidates find_candidates(const Surface& slave,
+                           std::span<const double> x_slave,
+                           const Surface& master,
+                           std::span<const double> x_master,
+                           std::optional<double> distance);
+} // namespace dolfinx_mortar
