@@ -562,7 +562,8 @@ class Mortar:
         weight: int Phi_j, shape (slave nodes,), area.
         T: Basis transformation of the slave nodes.
         T_inverse: Its exact inverse.
-        carries: Booleans, shape (slave nodes,): nodes that carry a multiplier.
+        carries: Booleans, shape (slave nodes,): nodes that carry a multiplier; they need a facet
+            that is covered at least in part.
         coefficients: A_e per slave facet (identity for "standard", None where nothing is covered).
         area: Covered area per slave facet.
         slivers: Slave facets left out because too little of them is covered.
@@ -666,13 +667,13 @@ def mortar(
     for f, quadrature in enumerate(facet_points):
         kind, nodes, x, _ = slave.facet(f)
         local = multiplier_nodes(kind, multiplier)
-        carries[nodes[local]] |= ~drop[nodes[local]]
         area[f] = quadrature.weight.sum()
         if area[f] <= sliver * facet_area(slave, f):
             if area[f] > 0:
                 slivers.append(f)
             coefficients.append(None)
             continue
+        carries[nodes[local]] |= ~drop[nodes[local]]
         w, xi = quadrature.weight, quadrature.xi
         N = shape_functions(kind, xi)[0]
         primal = _primal_functions(kind, multiplier, xi)

@@ -26,7 +26,7 @@ BUILDERS = {
     cases.tied_hex27: (1.0, 1.0),
     cases.tied_patch_seven: None,
     cases.contact_patch: (0.125, 0.5),
-    cases.rotated_block: (BLOCK * 1.085242, 16.0),
+    cases.rotated_block: (BLOCK * 1.0852425, 16.0),
     cases.sliding_block: (1.0, 5.5),
 }
 
