@@ -1,4 +1,4 @@
-"""Meshes from arrays, gmsh and Abaqus files: geometry, tags, orders of nodes, errors."""
+"""Meshes from arrays, gmsh and Abaqus files, and what is drawn and written of them."""
 
 from mpi4py import MPI
 
@@ -15,6 +15,7 @@ from dolfinx_mortar.mesh import (
     model_to_hex20,
     read_abaqus,
 )
+from dolfinx_mortar.plotting import for_output, surface
 
 comm = MPI.COMM_WORLD
 
@@ -140,7 +141,9 @@ def test_gmsh_lagrange():
     assert measure(mesh, facet_tags, 6) == pytest.approx(np.pi, rel=2e-5)
 
 
-@pytest.mark.parametrize("order, incomplete, recombine", [(2, 0, True), (1, 1, True), (2, 1, False)])
+@pytest.mark.parametrize(
+    "order, incomplete, recombine", [(2, 0, True), (1, 1, True), (2, 1, False)]
+)
 def test_gmsh_refuses_other_cells(order, incomplete, recombine):
     model, finalize = on_rank_zero(quarter_tube, order, incomplete, recombine)
     with pytest.raises(ValueError, match="SecondOrderIncomplete"):
@@ -279,3 +282,43 @@ def test_abaqus_unknown_surface_and_file(write):
         read_abaqus(path, comm, facet_sets=["side"])
     with pytest.raises(OSError):
         read_abaqus(path.with_name("absent.inp"), comm)
+
+
+# -- What is drawn and written ----------------------------------------------
+
+
+def test_surface_is_curved_and_whole():
+    pytest.importorskip("pyvista")
+    model, finalize = on_rank_zero(quarter_tube, 2, 1)
+    mesh, _, facet_tags = model_to_hex20(model, comm)
+    finalize()
+    V = fem.functionspace(mesh, dm.hex20(shape=(3,)))
+    u = fem.Function(V)
+    u.interpolate(lambda x: np.stack([x[2], 0 * x[0], x[2]]))
+    whole = surface(mesh, {"u": u}, displacement=u, factor=2.0)
+    outside = surface(mesh, facets=facet_tags.find(6))
+    # Half the cells: their boundary includes the cut.
+    half = surface(mesh, where=lambda x: x[2] < 0.5)
+    if comm.rank == 0:
+        # Sheared by x += 2 z and stretched to the height of 3.
+        assert whole.faces.volume == pytest.approx(3 * 3 * np.pi / 4, rel=2e-3)
+        assert whole.faces.point_data["u"].shape == (whole.faces.n_points, 3)
+        assert outside.faces.area == pytest.approx(np.pi, rel=1e-3)
+        assert half.faces.volume == pytest.approx(3 * np.pi / 8, rel=2e-3)
+    else:
+        assert whole is outside is half is None
+
+
+def test_output_of_hex20_is_exact():
+    model, finalize = on_rank_zero(quarter_tube, 2, 1)
+    mesh, _, _ = model_to_hex20(model, comm)
+    finalize()
+    V = fem.functionspace(mesh, dm.hex20(shape=(3,)))
+    u = fem.Function(V, name="u")
+    u.interpolate(lambda x: np.stack([x[0] * x[1], np.sin(x[2]), np.cos(x[1])]))
+    w = for_output(u)
+    assert w.name == "u"
+    assert w.function_space.ufl_element().basix_element.dim == 27
+    difference = fem.form(ufl.inner(u - w, u - w) * ufl.dx)
+    assert comm.allreduce(fem.assemble_scalar(difference)) < 1e-26
+    assert for_output(w) is w

@@ -32,6 +32,7 @@ __all__ = [
     "create_matrix",
     "create_mesh",
     "create_vector",
+    "dofmap",
     "geometry_dofmap",
     "interpolation_points",
     "list_timings",
@@ -43,7 +44,7 @@ __all__ = [
 ]
 
 #: Version of DOLFINx as (major, minor).
-VERSION: tuple[int, int] = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])  # type: ignore[assignment]
+VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 
 
 # -- Meshes ---------------------------------------------------------------
@@ -197,6 +198,11 @@ def value_shape(V: fem.FunctionSpace) -> tuple[int, ...]:
     return tuple(V.ufl_element().reference_value_shape)
 
 
+def dofmap(V: fem.FunctionSpace) -> Any:
+    """DOLFINx dofmap of a space on a mesh with one cell type."""
+    return V.dofmap if hasattr(V, "dofmap") else V.dofmaps[0]
+
+
 def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.floating]:
     """Reference points at which an expression is evaluated to interpolate it into ``V``.
 
@@ -212,8 +218,7 @@ def interpolation_points(V: fem.FunctionSpace) -> npt.NDArray[np.floating]:
 
 def create_vector(V: fem.FunctionSpace) -> PETSc.Vec:
     """Ghosted PETSc vector, zero, with the layout of ``V``."""
-    dofmap = V.dofmap
-    index_map, bs = dofmap.index_map, dofmap.index_map_bs
+    index_map, bs = dofmap(V).index_map, dofmap(V).index_map_bs
     ghosts = index_map.ghosts.astype(PETSc.IntType)
     size = (index_map.size_local * bs, index_map.size_global * bs)
     b = PETSc.Vec().createGhost(ghosts, size, bsize=bs, comm=V.mesh.comm)
@@ -290,3 +295,17 @@ def list_timings(comm: MPI.Comm) -> None:
         dolfinx.common.list_timings(comm, [dolfinx.common.TimingType.wall])
     else:
         dolfinx.common.list_timings(comm)
+
+
+#: Sum of ghost contributions, for ``la.Vector.scatter_reverse``
+INSERT_ADD = dolfinx.la.InsertMode.add
+
+
+def set_bc_values(bc: fem.DirichletBC, values: npt.NDArray[np.floating]) -> None:
+    """Write the values of a Dirichlet condition into an array of local dofs.
+
+    Args:
+        bc: Condition.
+        values: Owned and ghost values of its space, shape ``(n,)``.
+    """
+    bc.set(values, None, 1.0)
