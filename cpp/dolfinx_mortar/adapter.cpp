@@ -11,6 +11,7 @@
 #include <cmath>
 #include <dolfinx/mesh/Topology.h>
 #include <dolfinx/mesh/cell_types.h>
+#include <map>
 #include <stdexcept>
 #include <utility>
 
@@ -294,12 +295,22 @@ std::vector<std::vector<std::int64_t>> dolfinx_mortar::number_blocks(
   return numbers;
 }
 //-----------------------------------------------------------------------------
-Surface
-dolfinx_mortar::create_surface(const dolfinx::fem::FunctionSpace<double>& V,
-                               std::span<const std::int32_t> facets,
-                               std::span<const std::int64_t> block_numbers,
-                               const std::string& name)
+namespace
 {
+/// Facets of a part of a surface; blocks are local blocks of the space.
+struct PartFacets
+{
+  std::vector<FacetType> types;
+  std::vector<std::int8_t> orientation;
+  std::vector<std::int32_t> blocks;
+};
+
+/// Facets of owned cells, checked. Collective.
+PartFacets part_facets(const SurfacePart& part)
+{
+  const dolfinx::fem::FunctionSpace<double>& V = *part.V;
+  const std::string& name = part.name;
+  const std::span<const std::int32_t> facets = part.facets;
   const std::vector<ReferenceFacet> reference
       = reference_facets(check_space(V));
   const dolfinx::mesh::Mesh<double>& mesh = *V.mesh();
@@ -370,32 +381,121 @@ dolfinx_mortar::create_surface(const dolfinx::fem::FunctionSpace<double>& V,
       blocks.push_back(dofs[dof]);
   }
   throw_on_all(comm, message);
+  return {std::move(types), std::move(orientation), std::move(blocks)};
+}
+} // namespace
+//-----------------------------------------------------------------------------
+Surface
+dolfinx_mortar::create_surface(std::span<const SurfacePart> parts)
+{
+  if (parts.empty())
+    throw std::runtime_error("A surface needs at least one part.");
+  MPI_Comm comm = parts.front().V->mesh()->comm();
 
-  const dolfinx::common::IndexMap& map = *V.dofmap()->index_map;
-  if (block_numbers.size()
-      != static_cast<std::size_t>(map.size_local() + map.num_ghosts()))
+  // Local blocks of all bodies in one list, the owned ones first
+  struct Body
   {
-    message = "Each local block of the function space needs a number.";
+    const SurfacePart* part;
+    std::int32_t first_owned, first_ghost; // in the list
+  };
+  std::map<std::int32_t, Body> bodies;
+  for (const SurfacePart& part : parts)
+    bodies.insert({part.first_block, {&part, 0, 0}});
+  std::int32_t size = 0;
+  std::vector<std::int64_t> numbers;
+  std::vector<std::int32_t> origin;
+  std::vector<double> X;
+  std::vector<int> owners;
+  std::string message;
+  std::map<std::int32_t, std::vector<double>> coordinates;
+  for (auto& [first, body] : bodies)
+  {
+    check_space(*body.part->V);
+    coordinates[first] = body.part->V->tabulate_dof_coordinates(false);
+    const auto& map = *body.part->V->dofmap()->index_map;
+    if (body.part->block_numbers.size()
+        != static_cast<std::size_t>(map.size_local() + map.num_ghosts()))
+    {
+      message = "Each local block of the function space needs a number.";
+    }
   }
   throw_on_all(comm, message);
-
-  const Surface s = create_surface(
-      comm, std::move(types), blocks, std::move(orientation), block_numbers,
-      map.size_local(), map.owners(), V.tabulate_dof_coordinates(false));
-  if (s.num_global == 0)
+  auto append = [&](std::int32_t first, const Body& body, std::int32_t begin,
+                    std::int32_t end)
   {
-    throw std::runtime_error("The " + name
-                             + " has no facets on any rank: check the tag and "
-                               "the mesh's facet tags.");
+    const auto& n = body.part->block_numbers;
+    const auto& x = coordinates[first];
+    numbers.insert(numbers.end(), n.begin() + begin, n.begin() + end);
+    X.insert(X.end(), x.begin() + 3 * begin, x.begin() + 3 * end);
+    for (std::int32_t i = begin; i < end; ++i)
+      origin.push_back(first + i);
+    size += end - begin;
+  };
+  for (auto& [first, body] : bodies)
+  {
+    body.first_owned = size;
+    append(first, body, 0, body.part->V->dofmap()->index_map->size_local());
   }
-  check_areas(s, s.X, name);
+  const std::int32_t num_owned = size;
+  for (auto& [first, body] : bodies)
+  {
+    const auto& map = *body.part->V->dofmap()->index_map;
+    body.first_ghost = size;
+    append(first, body, map.size_local(), map.size_local() + map.num_ghosts());
+    owners.insert(owners.end(), map.owners().begin(), map.owners().end());
+  }
+
+  // Facets of all parts
+  PartFacets all;
+  for (const SurfacePart& part : parts)
+  {
+    const PartFacets f = part_facets(part);
+    const Body& body = bodies.at(part.first_block);
+    const std::int32_t owned = part.V->dofmap()->index_map->size_local();
+    const std::int64_t local = f.types.size();
+    std::int64_t global = 0;
+    MPI_Allreduce(&local, &global, 1, MPI_INT64_T, MPI_SUM, comm);
+    if (global == 0)
+    {
+      throw std::runtime_error("The " + part.name
+                               + " has no facets on any rank: check the tag "
+                                 "and the mesh's facet tags.");
+    }
+    all.types.insert(all.types.end(), f.types.begin(), f.types.end());
+    all.orientation.insert(all.orientation.end(), f.orientation.begin(),
+                           f.orientation.end());
+    for (std::int32_t b : f.blocks)
+    {
+      all.blocks.push_back(b < owned ? body.first_owned + b
+                                     : body.first_ghost + b - owned);
+    }
+  }
+
+  Surface s = create_surface(comm, std::move(all.types), all.blocks,
+                             std::move(all.orientation), numbers, num_owned,
+                             owners, X);
+  for (std::int32_t& b : s.local_blocks)
+    b = origin[b];
+  check_areas(s, s.X, parts.front().name);
   return s;
 }
 //-----------------------------------------------------------------------------
-Surface dolfinx_mortar::create_surface(
+Surface
+dolfinx_mortar::create_surface(const dolfinx::fem::FunctionSpace<double>& V,
+                               std::span<const std::int32_t> facets,
+                               std::span<const std::int64_t> block_numbers,
+                               const std::string& name)
+{
+  const SurfacePart part{&V, {facets.begin(), facets.end()}, block_numbers, 0,
+                         name};
+  return create_surface(std::span(&part, 1));
+}
+//-----------------------------------------------------------------------------
+SurfacePart dolfinx_mortar::tagged_part(
     const dolfinx::fem::FunctionSpace<double>& V,
     const dolfinx::mesh::MeshTags<std::int32_t>& tags, std::int32_t tag,
-    const std::string& side, std::span<const std::int64_t> block_numbers)
+    const std::string& side, std::span<const std::int64_t> block_numbers,
+    std::int32_t first_block)
 {
   const std::string name
       = side + " surface (facet tag " + std::to_string(tag) + ")";
@@ -411,6 +511,15 @@ Surface dolfinx_mortar::create_surface(
                              + " are those of another mesh than the one of its "
                                "function space.");
   }
-  return create_surface(V, tags.find(tag), block_numbers, name);
+  return {&V, tags.find(tag), block_numbers, first_block, name};
+}
+//-----------------------------------------------------------------------------
+Surface dolfinx_mortar::create_surface(
+    const dolfinx::fem::FunctionSpace<double>& V,
+    const dolfinx::mesh::MeshTags<std::int32_t>& tags, std::int32_t tag,
+    const std::string& side, std::span<const std::int64_t> block_numbers)
+{
+  const SurfacePart part = tagged_part(V, tags, tag, side, block_numbers, 0);
+  return create_surface(std::span(&part, 1));
 }
 //-----------------------------------------------------------------------------

@@ -34,6 +34,41 @@ std::vector<std::vector<std::int64_t>> number_blocks(
     const std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>>&
         maps);
 
+/// @brief Facets of one body, as a part of a surface.
+struct SurfacePart
+{
+  /// Displacement space
+  const dolfinx::fem::FunctionSpace<double>* V;
+
+  /// Local indices of facets
+  std::vector<std::int32_t> facets;
+
+  /// Number of each local block of the space, see number_blocks
+  std::span<const std::int64_t> block_numbers;
+
+  /// Where the local blocks of the space begin in the array of displacements
+  /// that current_positions takes; different for different bodies
+  std::int32_t first_block;
+
+  /// What to call the part in messages, "slave surface (facet tag 3)"
+  std::string name;
+};
+
+/// @brief Tagged facets as a part of a surface.
+/// @param[in] V,block_numbers,first_block See SurfacePart.
+/// @param[in] tags Tags of facets of the mesh of `V`.
+/// @param[in] tag Value of the tag.
+/// @param[in] side "slave" or "master", for messages.
+SurfacePart tagged_part(const dolfinx::fem::FunctionSpace<double>& V,
+                        const dolfinx::mesh::MeshTags<std::int32_t>& tags,
+                        std::int32_t tag, const std::string& side,
+                        std::span<const std::int64_t> block_numbers,
+                        std::int32_t first_block);
+
+/// @brief A surface that lies on several bodies. Collective.
+/// @throw std::runtime_error On all ranks, see below.
+Surface create_surface(std::span<const SurfacePart> parts);
+
 /// @brief The surface that a displacement space has on some facets. Collective.
 ///
 /// Displacement spaces are blocked spaces with three components in three

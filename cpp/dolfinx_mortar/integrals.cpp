@@ -3,7 +3,6 @@
 
 #include "integrals.h"
 #include <algorithm>
-#include <sstream>
 #include <stdexcept>
 
 using namespace dolfinx_mortar;
@@ -18,15 +17,6 @@ FacetView view(const FacetList& list, std::int32_t f)
           std::span(list.x).subspan(3 * list.offsets[f],
                                     3 * (list.offsets[f + 1]
                                          - list.offsets[f]))};
-}
-
-std::string midpoint(const FacetView& f)
-{
-  const Eigen::Vector3d x
-      = ConstRowMap(f.x.data(), num_nodes(f.type), 3).colwise().mean();
-  std::stringstream s;
-  s << "(" << x[0] << ", " << x[1] << ", " << x[2] << ")";
-  return s.str();
 }
 
 /// Matrix X that extends values at nodes with multipliers to all multiplier
@@ -197,6 +187,7 @@ FacetIntegrator::compute(const FacetView& slave,
   FacetIntegrals& r = _result;
   r.master_blocks.clear();
   r.covered = false;
+  r.orphan = false;
   r.area = 0;
   r.dropped_area = 0;
   const bool derive = derivatives != Derivatives::none;
@@ -293,11 +284,8 @@ FacetIntegrator::compute(const FacetView& slave,
   const RowMatrix X = extension(carries, nl);
   if (X.isZero(0))
   {
-    throw std::runtime_error(
-        "Slave facet at " + midpoint(slave)
-        + " has no node that can carry a multiplier: all its nodes belong to "
-          "other interfaces or to Dirichlet boundaries. Refine the slave "
-          "surface there, or swap slave and master.");
+    r.orphan = true;
+    return r;
   }
   r.covered = true;
   auto apply_A = [&](RowMatrix& B)

@@ -15,23 +15,6 @@
 
 namespace dolfinx_mortar
 {
-/// @brief How the overlap of the surfaces is integrated.
-enum class Integration : std::int8_t
-{
-  segment, ///< on the clipped overlap of each pair of facets
-  element  ///< at points of the slave facet, projected on the nearest master
-};
-
-/// @brief Options of the mortar integrals.
-struct IntegrationOptions
-{
-  MultiplierSpace space = MultiplierSpace::dual;
-  Integration integration = Integration::segment;
-
-  /// Degree of quadrature, by default default_degree
-  std::optional<int> degree;
-};
-
 /// @brief Which derivatives to compute.
 enum class Derivatives : std::int8_t
 {
@@ -55,6 +38,10 @@ struct FacetIntegrals
 
   /// False where no master covers any part of the facet (nothing else is set)
   bool covered = false;
+
+  /// True where masters cover the facet but none of its nodes carries a
+  /// multiplier (then nothing else is set)
+  bool orphan = false;
 
   /// Covered area, area left out as slivers
   double area = 0, dropped_area = 0;
@@ -112,8 +99,7 @@ public:
   /// @param[in] masters Candidate master facets.
   /// @param[in] derivatives Derivatives to compute.
   /// @return Integrals, valid until the next call.
-  /// @throw std::runtime_error The facet is covered but none of its nodes
-  /// carries a multiplier, or it is folded.
+  /// @throw std::runtime_error The facet is folded.
   const FacetIntegrals& compute(const FacetView& slave,
                                 std::span<const double> normals,
                                 std::span<const std::int8_t> carries,

@@ -4,25 +4,12 @@
 #pragma once
 
 #include "facet.h"
+#include "options.h"
 #include <Eigen/Dense>
 #include <span>
 
 namespace dolfinx_mortar
 {
-/// @brief Spaces of Lagrange multipliers λ_h = Σ Φ_j z_j.
-///
-/// | space      | nodes that carry z                                    | Φ |
-/// |------------|-------------------------------------------------------|---|
-/// | standard   | all of tri3, quad4, quad9; corners of tri6, quad8     | N; linear on tri6, quad8 |
-/// | dual       | all                                                   | dual to Ñ, α = 1/5 on tri6, quad8 |
-/// | dual_linear| corners                                               | dual to the corner functions |
-enum class MultiplierSpace : std::int8_t
-{
-  standard,
-  dual,
-  dual_linear
-};
-
 /// Dense matrix of a facet.
 using FacetMatrix
     = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor,

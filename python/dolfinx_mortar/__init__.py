@@ -28,3 +28,11 @@ if not any(type(f) is type(dolfinx.cpp.mesh.create_mesh) for f in vars(cpp).valu
         "knows the other's types: build dolfinx_mortar with the nanobind that DOLFINx was built "
         "with."
     )
+
+from .contact import Contact
+from .elements import hex20
+from .errors import ConvergenceError
+from .interfaces import Interface, Tie
+from .problem import ContactProblem
+
+__all__ = ["Contact", "ContactProblem", "ConvergenceError", "Interface", "Tie", "hex20"]

@@ -1,0 +1,415 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "coupling.h"
+#include "error.h"
+#include "integrals.h"
+#include <algorithm>
+#include <map>
+#include <stdexcept>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+void check(PetscErrorCode code, const char* what)
+{
+  if (code != PETSC_SUCCESS)
+    throw std::runtime_error(std::string("PETSc failed in ") + what);
+}
+
+/// Values of the nodes of a facet, gathered from values of all local nodes.
+template <typename T>
+void gather(std::span<const std::int32_t> nodes, std::span<const T> values,
+            int bs, std::vector<T>& out)
+{
+  out.resize(nodes.size() * bs);
+  for (std::size_t i = 0; i < nodes.size(); ++i)
+    std::copy_n(values.begin() + bs * nodes[i], bs, out.begin() + bs * i);
+}
+
+/// Numbers of dofs of blocks.
+template <typename V>
+void unroll(const V& blocks, std::vector<PetscInt>& dofs)
+{
+  dofs.clear();
+  for (auto b : blocks)
+  {
+    for (int c = 0; c < 3; ++c)
+      dofs.push_back(3 * b + c);
+  }
+}
+
+/// Calls `use(facet, nodes, integrals)` for every covered slave facet.
+template <typename Use>
+void for_each_facet(const Interface& interface, const Configuration& conf,
+                    std::span<const double> z,
+                    std::span<const std::int8_t> wanted,
+                    Derivatives derivatives, Use&& use)
+{
+  const Surface& s = interface.slave;
+  FacetIntegrator integrator(interface.options);
+  std::vector<double> x, n, zf;
+  std::vector<std::int8_t> carries, wanted_f;
+  std::string message;
+  try
+  {
+    for (std::int32_t f = 0; f < static_cast<std::int32_t>(s.types.size()); ++f)
+    {
+      const std::int32_t begin = conf.candidates.offsets[f];
+      const std::int32_t end = conf.candidates.offsets[f + 1];
+      if (begin == end)
+        continue;
+      auto nodes = facet_nodes(s, f);
+      gather(nodes, z, 3, zf);
+      if (!wanted.empty())
+      {
+        gather(nodes, wanted, 1, wanted_f);
+        auto zero = [](auto v) { return v == 0; };
+        if (std::all_of(zf.begin(), zf.end(), zero)
+            and std::all_of(wanted_f.begin(), wanted_f.end(), zero))
+        {
+          continue;
+        }
+      }
+      gather(nodes, std::span<const double>(conf.x_slave), 3, x);
+      gather(nodes, std::span<const double>(conf.normals.n), 3, n);
+      gather(nodes, std::span<const std::int8_t>(interface.carries), 1,
+             carries);
+      const FacetIntegrals& r = integrator.compute(
+          {s.types[f], s.orientation[f], x}, n, carries, zf,
+          conf.candidates.master,
+          std::span(conf.candidates.facets).subspan(begin, end - begin),
+          derivatives);
+      use(f, nodes, r);
+    }
+  }
+  catch (const std::exception& e)
+  {
+    message = e.what();
+  }
+  throw_on_all(s.comm, message);
+}
+
+/// Insert a dense matrix of nodal values as its product with the 3x3 identity.
+class BlockInserter
+{
+public:
+  void add(Mat A, std::span<const std::int64_t> rows,
+           std::span<const std::int64_t> columns, const RowMatrix& values,
+           double factor)
+  {
+    _values = factor * values;
+    for (int c = 0; c < 3; ++c)
+    {
+      _rows.clear();
+      _columns.clear();
+      for (auto r : rows)
+        _rows.push_back(r < 0 ? -1 : 3 * r + c);
+      for (auto k : columns)
+        _columns.push_back(3 * k + c);
+      check(MatSetValues(A, _rows.size(), _rows.data(), _columns.size(),
+                         _columns.data(), _values.data(), ADD_VALUES),
+            "MatSetValues");
+    }
+  }
+
+private:
+  RowMatrix _values;
+  std::vector<PetscInt> _rows, _columns;
+};
+} // namespace
+
+//-----------------------------------------------------------------------------
+Configuration dolfinx_mortar::configure(const Interface& interface,
+                                        std::vector<double> x_slave,
+                                        std::vector<double> x_master)
+{
+  Normals normals
+      = compute_normals(interface.slave, x_slave, interface.fixed);
+  Candidates candidates
+      = find_candidates(interface.slave, x_slave, interface.master, x_master,
+                        interface.search_distance);
+  return {std::move(x_slave), std::move(x_master), std::move(normals),
+          std::move(candidates)};
+}
+//-----------------------------------------------------------------------------
+NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
+                                         const Configuration& configuration,
+                                         const CouplingMatrices& matrices)
+{
+  const Surface& s = interface.slave;
+  const std::size_t num = num_local_nodes(s);
+  const std::vector<double> z(3 * num, 0.0);
+  // Columns of nodal values: coverage, diagonal, weight, gap, offset
+  std::vector<double> nodal(7 * num, 0.0);
+  NodalIntegrals out;
+  BlockInserter inserter;
+  std::vector<std::int64_t> rows, columns;
+  for_each_facet(
+      interface, configuration, z, {}, Derivatives::none,
+      [&](std::int32_t f, std::span<const std::int32_t> nodes,
+          const FacetIntegrals& r)
+      {
+        out.dropped_area += r.dropped_area;
+        if (r.orphan)
+        {
+          if (out.num_orphans++ == 0)
+          {
+            for (auto k : nodes)
+            {
+              for (int c = 0; c < 3; ++c)
+              {
+                out.orphan[c]
+                    += configuration.x_slave[3 * k + c] / nodes.size();
+              }
+            }
+          }
+        }
+        if (!r.covered)
+          return;
+        out.area += r.area;
+        ++out.num_covered;
+        out.num_pairs += configuration.candidates.offsets[f + 1]
+                         - configuration.candidates.offsets[f];
+        rows.clear();
+        columns.clear();
+        for (std::size_t k = 0; k < nodes.size(); ++k)
+        {
+          double* v = nodal.data() + 7 * nodes[k];
+          v[0] += r.coverage[k];
+          v[1] += r.diagonal[k];
+          v[2] += r.M.row(k).sum();
+          v[3] += r.gap[k];
+          for (int c = 0; c < 3; ++c)
+            v[4 + c] += r.offset(k, c);
+          rows.push_back(interface.carries[nodes[k]]
+                             ? interface.multipliers[nodes[k]]
+                             : -1);
+          columns.push_back(s.blocks[nodes[k]]);
+        }
+        if (matrices.D)
+          inserter.add(matrices.D, rows, columns, r.D, 1);
+        if (matrices.B)
+          inserter.add(matrices.B, rows, columns, r.D, 1);
+        if (matrices.B_tilde)
+          inserter.add(matrices.B_tilde, rows, columns, r.D_tilde, 1);
+        if (matrices.M)
+          inserter.add(matrices.M, rows, r.master_blocks, r.M, 1);
+        if (matrices.B)
+          inserter.add(matrices.B, rows, r.master_blocks, r.M, -1);
+        if (matrices.B_tilde)
+          inserter.add(matrices.B_tilde, rows, r.master_blocks, r.M, -1);
+      });
+
+  scatter_reverse_add(s, std::span<double>(nodal), 7);
+  scatter_forward(s, std::span<double>(nodal), 7);
+  for (std::size_t i = 0; i < num; ++i)
+  {
+    const double* v = nodal.data() + 7 * i;
+    out.coverage.push_back(v[0]);
+    out.diagonal.push_back(v[1]);
+    out.weight.push_back(v[2]);
+    out.gap.push_back(v[3]);
+    out.offset.insert(out.offset.end(), v + 4, v + 7);
+  }
+  return out;
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::integrate_derivatives(const Interface& interface,
+                                           const Configuration& configuration,
+                                           std::span<const double> z,
+                                           std::span<const std::int8_t> active,
+                                           const DerivativeMatrices& matrices)
+{
+  const Surface& s = interface.slave;
+  std::vector<std::int64_t> blocks, multipliers;
+  std::vector<PetscInt> rows, columns, dofs, normals;
+  const Derivatives derivatives
+      = matrices.offset ? Derivatives::gap_and_slip : Derivatives::gap;
+  for_each_facet(
+      interface, configuration, z, active, derivatives,
+      [&](std::int32_t, std::span<const std::int32_t> nodes,
+          const FacetIntegrals& r)
+      {
+        if (!r.covered)
+          return;
+        blocks.clear();
+        multipliers.clear();
+        rows.clear();
+        dofs.clear();
+        for (auto k : nodes)
+        {
+          blocks.push_back(s.blocks[k]);
+          multipliers.push_back(interface.multipliers[k]);
+          const bool used = interface.carries[k] and active[k];
+          rows.push_back(used ? interface.multipliers[k] : -1);
+          for (int c = 0; c < 3; ++c)
+            dofs.push_back(used ? 3 * interface.multipliers[k] + c : -1);
+        }
+        blocks.insert(blocks.end(), r.master_blocks.begin(),
+                      r.master_blocks.end());
+        unroll(blocks, columns);
+        unroll(multipliers, normals);
+        if (matrices.force)
+        {
+          check(MatSetValues(matrices.force, columns.size(), columns.data(),
+                             columns.size(), columns.data(), r.d_force.data(),
+                             ADD_VALUES),
+                "MatSetValues");
+        }
+        if (matrices.gap)
+        {
+          check(MatSetValues(matrices.gap, rows.size(), rows.data(),
+                             columns.size(), columns.data(), r.d_gap.data(),
+                             ADD_VALUES),
+                "MatSetValues");
+        }
+        if (matrices.gap_normal)
+        {
+          check(MatSetValues(matrices.gap_normal, rows.size(), rows.data(),
+                             normals.size(), normals.data(),
+                             r.d_gap_normal.data(), ADD_VALUES),
+                "MatSetValues");
+        }
+        if (matrices.offset)
+        {
+          check(MatSetValues(matrices.offset, dofs.size(), dofs.data(),
+                             columns.size(), columns.data(),
+                             r.d_offset.data(), ADD_VALUES),
+                "MatSetValues");
+        }
+      });
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::differentiate_normals(const Interface& interface,
+                                           const Configuration& configuration,
+                                           Mat A)
+{
+  const Surface& s = interface.slave;
+  std::vector<double> dn;
+  std::vector<PetscInt> rows, columns;
+  for (std::int32_t f = 0; f < static_cast<std::int32_t>(s.types.size()); ++f)
+  {
+    auto nodes = facet_nodes(s, f);
+    dn.resize(9 * nodes.size() * nodes.size());
+    normal_derivative(s, configuration.x_slave, interface.fixed,
+                      configuration.normals, f, dn);
+    rows.clear();
+    columns.clear();
+    for (auto k : nodes)
+    {
+      for (int c = 0; c < 3; ++c)
+      {
+        rows.push_back(3 * interface.multipliers[k] + c);
+        columns.push_back(3 * s.blocks[k] + c);
+      }
+    }
+    check(MatSetValues(A, rows.size(), rows.data(), columns.size(),
+                       columns.data(), dn.data(), ADD_VALUES),
+          "MatSetValues");
+  }
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::insert_transformation(const Interface& interface,
+                                           bool inverse, Mat T)
+{
+  const Surface& s = interface.slave;
+  const MultiplierSpace space = interface.options.space;
+  for (std::int32_t f = 0; f < static_cast<std::int32_t>(s.types.size()); ++f)
+  {
+    const FacetMatrix Te = inverse ? inverse_transformation(space, s.types[f])
+                                   : transformation(space, s.types[f]);
+    auto nodes = facet_nodes(s, f);
+    for (std::size_t i = 0; i < nodes.size(); ++i)
+    {
+      for (std::size_t j = 0; j < nodes.size(); ++j)
+      {
+        if (Te(i, j) == 0)
+          continue;
+        for (int c = 0; c < 3; ++c)
+        {
+          // Facets that share an edge insert the same values
+          check(MatSetValue(T, 3 * s.blocks[nodes[i]] + c,
+                            3 * s.blocks[nodes[j]] + c, Te(i, j),
+                            INSERT_VALUES),
+                "MatSetValue");
+        }
+      }
+    }
+  }
+}
+//-----------------------------------------------------------------------------
+Mat dolfinx_mortar::create_matrix(MPI_Comm comm, std::int64_t local_rows,
+                                  std::int64_t local_columns)
+{
+  Mat A;
+  check(MatCreate(comm, &A), "MatCreate");
+  check(MatSetSizes(A, local_rows, local_columns, PETSC_DETERMINE,
+                    PETSC_DETERMINE),
+        "MatSetSizes");
+  check(MatSetType(A, MATAIJ), "MatSetType");
+  check(MatSetUp(A), "MatSetUp");
+  check(MatSetOption(A, MAT_NEW_NONZERO_ALLOCATION_ERR, PETSC_FALSE),
+        "MatSetOption");
+  return A;
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::add_blocks(Mat A, std::int64_t first_row,
+                                std::int64_t first_column, std::int64_t n,
+                                int rows, int columns,
+                                std::span<const double> blocks)
+{
+  std::vector<PetscInt> r(rows), c(columns);
+  for (std::int64_t i = 0; i < n; ++i)
+  {
+    for (int k = 0; k < rows; ++k)
+      r[k] = first_row + rows * i + k;
+    for (int k = 0; k < columns; ++k)
+      c[k] = first_column + columns * i + k;
+    check(MatSetValues(A, rows, r.data(), columns, c.data(),
+                       blocks.data() + rows * columns * i, ADD_VALUES),
+          "MatSetValues");
+  }
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
+                                                  std::span<const double> x)
+{
+  const Surface& s = interface.slave;
+  std::vector<double> weights(num_local_nodes(s), 0.0);
+  std::map<FacetType, QuadratureRule> rules;
+  Shapes shapes;
+  for (std::size_t f = 0; f < s.types.size(); ++f)
+  {
+    const FacetType type = s.types[f];
+    const int n = num_nodes(type);
+    auto [it, made] = rules.try_emplace(type);
+    if (made)
+      it->second = create_rule(num_corners(type), 2 * total_degree(type));
+    const FacetMatrix T = transformation(interface.options.space, type);
+    auto nodes = facet_nodes(s, f);
+    for (std::size_t q = 0; q < it->second.weights.size(); ++q)
+    {
+      tabulate(type,
+               {it->second.points[2 * q], it->second.points[2 * q + 1]}, 1,
+               shapes);
+      Eigen::Vector3d a1 = Eigen::Vector3d::Zero(), a2 = a1;
+      for (int k = 0; k < n; ++k)
+      {
+        const Eigen::Map<const Eigen::Vector3d> xk(x.data() + 3 * nodes[k]);
+        a1 += shapes.dN[0][k] * xk;
+        a2 += shapes.dN[1][k] * xk;
+      }
+      const double w = it->second.weights[q] * a1.cross(a2).norm();
+      for (int k = 0; k < n; ++k)
+      {
+        for (int i = 0; i < n; ++i)
+          weights[nodes[k]] += w * shapes.N[i] * T(i, k);
+      }
+    }
+  }
+  scatter_reverse_add(s, std::span<double>(weights), 1);
+  scatter_forward(s, std::span<double>(weights), 1);
+  return weights;
+}

@@ -1,0 +1,138 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "laws.h"
+#include <Eigen/Dense>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+using Vec3 = Eigen::Vector3d;
+using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+} // namespace
+
+//-----------------------------------------------------------------------------
+ContactResidual
+dolfinx_mortar::contact_residual(const ContactState& state,
+                                 const Friction& friction,
+                                 std::span<const Status> forced)
+{
+  const std::size_t num = state.carries.size();
+  const bool rough = friction.coefficient > 0 or friction.bound;
+  ContactResidual r;
+  r.status.resize(num, Status::open);
+  r.value.resize(3 * num);
+  r.dz.resize(9 * num);
+  r.dn.resize(9 * num);
+  r.dw.resize(9 * num);
+  r.dg.resize(3 * num);
+  for (std::size_t j = 0; j < num; ++j)
+  {
+    const Vec3 z = Eigen::Map<const Vec3>(state.z.data() + 3 * j);
+    const Vec3 n = Eigen::Map<const Vec3>(state.normal.data() + 3 * j);
+    Eigen::Map<Vec3> C(r.value.data() + 3 * j), Cg(r.dg.data() + 3 * j);
+    Eigen::Map<Mat3> Cz(r.dz.data() + 9 * j), Cn(r.dn.data() + 9 * j),
+        Cw(r.dw.data() + 9 * j);
+    Cg.setZero();
+    Cn.setZero();
+    Cw.setZero();
+
+    const double zn = n.dot(z);
+    const double cg = state.c_n[j] * state.gap[j];
+    const double p = zn - cg;
+    bool closed = state.carries[j] and p > 0;
+    if (!forced.empty())
+      closed = state.carries[j] and forced[j] != Status::open;
+    if (!closed)
+    {
+      C = z;
+      Cz.setIdentity();
+      continue;
+    }
+
+    // Normal part n c_n g̃ and tangential multiplier z_τ = z - n (n·z)
+    const Mat3 P = Mat3::Identity() - n * n.transpose();
+    const Vec3 z_tau = z - zn * n;
+    const Mat3 dz_tau = -zn * Mat3::Identity() - n * z.transpose();
+    C = cg * n;
+    Cg = state.c_n[j] * n;
+    Cn = cg * Mat3::Identity();
+    if (!rough)
+    {
+      C += z_tau;
+      Cz = P;
+      Cn += dz_tau;
+      r.status[j] = Status::slip;
+      continue;
+    }
+
+    const double ct = state.c_t[j];
+    const Vec3 w = Eigen::Map<const Vec3>(state.motion.data() + 3 * j);
+    Vec3 free;
+    for (int c = 0; c < 3; ++c)
+      free[c] = state.fixed[3 * j + c] ? 0.0 : 1.0;
+    const auto F = free.asDiagonal();
+    const Vec3 u = F * (n.dot(w) * n - w);
+    const Mat3 du = F * (n.dot(w) * Mat3::Identity() + n * w.transpose());
+    const Vec3 t = F * z_tau + ct * u;
+    const double norm_t = t.norm();
+    const double b = friction.bound ? *friction.bound
+                                    : friction.coefficient * p;
+    bool stick = norm_t < b;
+    if (!forced.empty())
+      stick = forced[j] == Status::stick;
+    // Derivatives of the bound
+    const double db = friction.bound ? 0.0 : friction.coefficient;
+    // Traction vanishes by symmetry where the displacement is prescribed
+    auto release_fixed = [&]()
+    {
+      for (int c = 0; c < 3; ++c)
+      {
+        if (state.fixed[3 * j + c])
+        {
+          C[c] = z[c];
+          Cg[c] = 0;
+          Cz.row(c) = Vec3::Unit(c).transpose();
+          Cn.row(c).setZero();
+          Cw.row(c).setZero();
+        }
+      }
+    };
+    if (stick)
+    {
+      // -c_t u b / max(b, ‖t‖), with the divisor kept constant
+      r.status[j] = Status::stick;
+      const double s = b > norm_t ? 1.0 / b : 0.0;
+      C -= ct * u;
+      Cz = -ct * s * db * u * n.transpose();
+      Cg += ct * s * db * state.c_n[j] * u;
+      Cn -= ct * du + ct * s * db * u * z.transpose();
+      Cw = ct * F * P;
+      release_fixed();
+      continue;
+    }
+
+    r.status[j] = Status::slip;
+    if (!(norm_t > 0))
+    {
+      // Neither traction nor motion: the direction of slip is not known yet
+      C += z_tau;
+      Cz = P;
+      Cn += dz_tau;
+      continue;
+    }
+    // (‖t‖ z_τ - b t) / ‖t‖ with the divisor kept constant
+    const Vec3 e = t / norm_t;
+    const Mat3 A = z_tau * e.transpose() / norm_t
+                   - (b / norm_t) * Mat3::Identity(); // by t
+    const Mat3 At = A * F + Mat3::Identity();         // by z_τ
+    C += z_tau - b * e;
+    Cz = At * P - db * e * n.transpose();
+    Cg += db * state.c_n[j] * e;
+    Cn += At * dz_tau + ct * A * du - db * e * z.transpose();
+    Cw = -ct * A * F * P;
+    release_fixed();
+  }
+  return r;
+}

@@ -1,0 +1,90 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief State of a slave node.
+enum class Status : std::int8_t
+{
+  open = 0, ///< no contact
+  stick = 1, ///< contact without slip
+  slip = 2  ///< contact with slip, frictionless contact included
+};
+
+/// @brief Tangential behaviour.
+struct Friction
+{
+  /// Coulomb's coefficient μ
+  double coefficient = 0;
+
+  /// Tresca: given bound of the tangential traction, instead of μ z_n
+  std::optional<double> bound;
+};
+
+/// @brief Nodal values that contact laws depend on; one entry, or row, per node.
+struct ContactState
+{
+  /// Multipliers, shape (n, 3)
+  std::span<const double> z;
+
+  /// Unit normals, shape (n, 3)
+  std::span<const double> normal;
+
+  /// Weighted gaps g̃, shape (n)
+  std::span<const double> gap;
+
+  /// Weighted relative motion w = B x - B_old x since the last accepted step,
+  /// shape (n, 3); slip increment ũ_τ = -(I - n nᵀ) w. May be empty without
+  /// friction.
+  std::span<const double> motion;
+
+  /// Complementarity parameters, traction per weighted gap, shape (n)
+  std::span<const double> c_n, c_t;
+
+  /// Non-zero for nodes that carry a multiplier, shape (n)
+  std::span<const std::int8_t> carries;
+
+  /// Non-zero for components whose displacement is prescribed, shape (n, 3)
+  std::span<const std::int8_t> fixed;
+};
+
+/// @brief Complementarity function and its derivatives; row-major blocks.
+struct ContactResidual
+{
+  std::vector<Status> status;
+
+  /// Residual C = n C_n + C_τ, shape (n, 3)
+  std::vector<double> value;
+
+  /// ∂C/∂z, ∂C/∂n, ∂C/∂w, shapes (n, 3, 3), and ∂C/∂g̃, shape (n, 3)
+  std::vector<double> dz, dn, dw, dg;
+};
+
+/// @brief Contact conditions as a semi-smooth equation (equation 5.1 and
+/// Coulomb's or Tresca's law).
+///
+/// With p = z_n - c_n g̃ and the trial traction t = z_τ + c_t ũ_τ
+///
+///     open   (p ≤ 0):      C = z
+///     slip   (‖t‖ ≥ b):    C = n c_n g̃ + z_τ - b t / ‖t‖
+///     stick  (‖t‖ < b):    C = n c_n g̃ - c_t ũ_τ
+///
+/// where b = μ p (Coulomb), the given bound (Tresca) or zero (no friction). The
+/// tangential parts are max(b, ‖t‖) z_τ - b t of the complementarity function,
+/// divided by max(b, ‖t‖) = const, which leaves Newton's steps as they are.
+///
+/// @param[in] state Nodal values.
+/// @param[in] friction Tangential behaviour.
+/// @param[in] forced If not empty: states to use instead of those that follow
+/// from the values, shape (n).
+ContactResidual contact_residual(const ContactState& state,
+                                 const Friction& friction,
+                                 std::span<const Status> forced);
+} // namespace dolfinx_mortar

@@ -1,0 +1,41 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+namespace dolfinx_mortar
+{
+/// @brief Spaces of Lagrange multipliers λ_h = Σ Φ_j z_j.
+///
+/// | space       | nodes that carry z                              | Φ                                 |
+/// |-------------|-------------------------------------------------|-----------------------------------|
+/// | standard    | all of tri3, quad4, quad9; corners of tri6, quad8 | N; linear on tri6, quad8          |
+/// | dual        | all                                             | dual to Ñ, α = 1/5 on tri6, quad8 |
+/// | dual_linear | corners                                         | dual to the corner functions      |
+enum class MultiplierSpace : std::int8_t
+{
+  standard,
+  dual,
+  dual_linear
+};
+
+/// @brief How the overlap of the surfaces is integrated.
+enum class Integration : std::int8_t
+{
+  segment, ///< on the clipped overlap of each pair of facets
+  element  ///< at points of the slave facet, projected on the nearest master
+};
+
+/// @brief Options of the mortar integrals.
+struct IntegrationOptions
+{
+  MultiplierSpace space = MultiplierSpace::dual;
+  Integration integration = Integration::segment;
+
+  /// Degree of quadrature, by default default_degree
+  std::optional<int> degree;
+};
+} // namespace dolfinx_mortar

@@ -1,0 +1,230 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Unilateral contact with or without friction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+from . import cpp
+from .interfaces import Interface
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+
+class Contact(Interface):
+    r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
+
+    Args:
+        V, facet_tags, slave, master, multiplier, integration, quadrature_degree, search_distance:
+            See :class:`Tie`.
+        friction: Coulomb's coefficient μ; None or 0 for frictionless contact.
+        tresca: Given bound of the tangential traction [traction] instead of μ z_n.
+        c_n, c_t: Complementarity parameters [traction per length]. They change the path of the
+            iteration, not its result; by default the stiffness of the slave nodes per area.
+        geometry: ``"current"`` (finite deformation, everything linearised) or ``"reference"``
+            (small deformation: D, M and normals stay those of the reference configuration).
+        initial_active: Nodes in contact when the first solve starts: ``"gap"`` (those that
+            penetrate, and where a body would not be held otherwise, those that are nearest),
+            ``"none"``, ``"all"``, or a function of positions (shape (3, n)) that returns flags.
+    """
+
+    def __init__(
+        self,
+        V=None,
+        facet_tags=None,
+        *,
+        slave,
+        master,
+        friction: float | None = None,
+        tresca: float | None = None,
+        c_n: float | None = None,
+        c_t: float | None = None,
+        geometry: str = "current",
+        initial_active: str | Callable = "gap",
+        **options: Any,
+    ):
+        super().__init__(V, facet_tags, slave=slave, master=master, **options)
+        if friction is not None and friction < 0:
+            raise ValueError(f"The coefficient of friction is {friction}, but can not be negative.")
+        if tresca is not None and tresca < 0:
+            raise ValueError(f"Tresca's bound is {tresca}, but can not be negative.")
+        if friction and tresca is not None:
+            raise ValueError("Give either friction (Coulomb) or tresca, not both.")
+        for name, value in (("c_n", c_n), ("c_t", c_t)):
+            if value is not None and not value > 0:
+                raise ValueError(f"{name} must be positive [traction per length].")
+        if geometry not in ("current", "reference"):
+            raise ValueError(f"geometry is {geometry!r}, but must be 'current' or 'reference'.")
+        if not callable(initial_active) and initial_active not in ("gap", "none", "all"):
+            raise ValueError(
+                "initial_active must be 'gap', 'none', 'all' or a function of positions."
+            )
+        self.friction = float(friction or 0.0)
+        self.tresca = tresca
+        self.geometry = geometry
+        self._c = (c_n, c_t)
+        self._initial_active = initial_active
+
+    @property
+    def is_frictional(self) -> bool:
+        """Tangential tractions are possible."""
+        return self.friction > 0 or self.tresca is not None
+
+    # -- Called by the problem ---------------------------------------------------
+
+    def _set_parameters(self, stiffness: npt.NDArray[np.float64]) -> None:
+        """Set complementarity parameters [traction per weighted gap].
+
+        Args:
+            stiffness: Stiffness of the owned slave nodes [force per length], shape (num_owned,).
+        """
+        area = np.maximum(self._weights[: self.num_owned], 1e-300)
+        default = stiffness / area**2
+        self._c_n = default if self._c[0] is None else self._c[0] / area
+        self._c_t = default if self._c[1] is None else self._c[1] / area
+
+    def _evaluate_geometry(self, u_all, B, B_tilde) -> None:
+        """Integrate in the configuration of ``u_all`` (None: reference) and add to B."""
+        self._configuration = cpp.configure(self._data, *self._positions(u_all))
+        self._nodal = cpp.integrate(self._data, self._configuration, B=B, B_tilde=B_tilde)
+
+    def _evaluate_law(self, z, gap, motion, forced) -> None:
+        """Complementarity function at the owned nodes; see C++ contact_residual."""
+        n = self.num_owned
+        self._gap_weighted = gap
+        self._law = cpp.contact_residual(
+            np.ascontiguousarray(z[:n]),
+            np.ascontiguousarray(self._configuration.normals[:n]),
+            np.ascontiguousarray(gap),
+            None if motion is None else np.ascontiguousarray(motion),
+            self._c_n,
+            self._c_t,
+            np.ascontiguousarray(self._data.carries[:n]),
+            np.ascontiguousarray(self._fixed[:n]),
+            self.friction,
+            self.tresca,
+            forced,
+        )
+
+    @property
+    def _status(self) -> npt.NDArray[np.int8]:
+        """State of the owned slave nodes."""
+        return self._law["status"]
+
+    def _nodal_gap(self) -> npt.NDArray[np.float64]:
+        """Gap of the owned nodes [length]; infinite where no master is near."""
+        n = self.num_owned
+        weight = self._nodal["weight"][:n]
+        carries = self._data.carries[:n].astype(bool)
+        return np.where(
+            carries, self._gap_weighted / np.where(carries, weight, 1.0), np.inf
+        )
+
+    def _initial_status(self, unheld: bool) -> npt.NDArray[np.int8] | None:
+        """States to begin with, or None for those that follow from the values. Collective.
+
+        Args:
+            unheld: A body would not be held without contact.
+        """
+        n = self.num_owned
+        comm = self._layout.comm
+        carries = self._data.carries[:n].astype(bool)
+        choice = self._initial_active
+        natural = self._status.copy()
+        if choice == "none":
+            return np.zeros(n, dtype=np.int8)
+        if choice == "all":
+            closed = carries
+        elif callable(choice):
+            closed = np.asarray(choice(self._surface_slave.X[:n].T), dtype=bool) & carries
+        else:
+            if not unheld:
+                return None
+            # Penetrating nodes hold the body already if there are enough of them
+            if comm.allreduce(int(np.sum(natural != OPEN))) > 2:
+                return None
+            gap = self._nodal_gap()
+            nearest = comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
+            if not np.isfinite(nearest):
+                return None
+            # A patch of nodes keeps the body from tilting
+            size = np.sqrt(self._weights[:n])
+            closed = carries & (gap <= nearest + 0.2 * size)
+        state = np.where(closed, STICK if self.is_frictional else SLIP, OPEN)
+        return state.astype(np.int8)
+
+    # -- Fields --------------------------------------------------------------------
+
+    def _current(self):
+        if self.geometry == "reference":
+            return None
+        return self._layout.all_local(self._problem._functions)
+
+    def _scatter(self, owned: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        values = np.zeros((self.num_nodes, owned.shape[1]))
+        values[: self.num_owned] = owned
+        cpp.scatter_forward(self._surface_slave, values)
+        return values
+
+    @property
+    def pressure(self) -> fem.Function:
+        """Contact pressure n·λ [traction], positive in compression. Collective."""
+        z, n = self._z(), self._configuration.normals
+        return self._field("pressure", np.sum(z * n, axis=1)[:, None])
+
+    @property
+    def tangential_traction(self) -> fem.Function:
+        """Tangential part of the contact traction on the slave body. Collective."""
+        z, n = self._z(), self._configuration.normals
+        return self._field("tangential_traction", -(z - np.sum(z * n, axis=1)[:, None] * n))
+
+    @property
+    def gap(self) -> fem.Function:
+        """Average gap around each node [length]; zero where no master is near. Collective."""
+        gap = self._nodal_gap()
+        owned = np.where(np.isfinite(gap), gap, 0.0)[:, None]
+        return self._field("gap", self._scatter(owned))
+
+    @property
+    def slip(self) -> fem.Function:
+        """Tangential slip [length] of slave nodes in contact since contact began. Collective."""
+        return self._field("slip", self._scatter(self._total_slip))
+
+    @property
+    def status(self) -> fem.Function:
+        """0 open, 1 stick, 2 slip (frictionless contact: always 2). Collective."""
+        values = self._scatter(self._status.astype(np.float64)[:, None])
+        return self._field("status", values, spread=False)
+
+    @property
+    def num_active(self) -> int:
+        """Number of slave nodes in contact, on all ranks. Collective."""
+        return self._layout.comm.allreduce(int(np.sum(self._status != OPEN)))
+
+    @property
+    def force(self) -> npt.NDArray[np.float64]:
+        """Resultant of the contact forces on the slave body, shape (3,). Collective."""
+        return self._problem._resultants(self)[0]
+
+    @property
+    def master_force(self) -> npt.NDArray[np.float64]:
+        """Resultant of the contact forces on the master body, shape (3,). Collective."""
+        return self._problem._resultants(self)[1]
+
+    @property
+    def moment(self) -> npt.NDArray[np.float64]:
+        """Moment about the origin of the contact forces on the slave, shape (3,). Collective."""
+        return self._problem._resultants(self)[2]
+
+    @property
+    def master_moment(self) -> npt.NDArray[np.float64]:
+        """Moment about the origin of the contact forces on the master, shape (3,). Collective."""
+        return self._problem._resultants(self)[3]

@@ -1,0 +1,339 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Interfaces between bodies: mesh tying and contact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx.mesh import MeshTags
+
+from . import cpp
+
+if TYPE_CHECKING:
+    from .layout import Layout
+    from .problem import ContactProblem
+
+_SPACES = {
+    "standard": cpp.MultiplierSpace.standard,
+    "dual": cpp.MultiplierSpace.dual,
+    "dual-linear": cpp.MultiplierSpace.dual_linear,
+}
+_INTEGRATIONS = {
+    "segment": cpp.Integration.segment,
+    "element": cpp.Integration.element,
+}
+
+#: Share of its weight that must be covered for a slave node to carry a multiplier
+_COVERED = 0.02
+
+
+class Part(NamedTuple):
+    """Tagged facets of one body."""
+
+    V: fem.FunctionSpace
+    tags: MeshTags
+    tag: int
+
+
+def _choose(name: str, value: str, options: dict[str, Any]) -> Any:
+    if value not in options:
+        raise ValueError(f"{name} is {value!r}, but must be one of {', '.join(map(repr, options))}.")
+    return options[value]
+
+
+def _parts(V: Any, facet_tags: Any, side: int, which: Any, name: str) -> list[Part]:
+    """Parts of a surface from the short and the long way to say it."""
+    if not isinstance(which, int | np.integer):
+        parts = [Part(*p) for p in which]
+        if not parts:
+            raise ValueError(f"The {name} surface has no parts.")
+        return parts
+    if V is None or facet_tags is None:
+        raise ValueError(
+            f"{name}={which} is a facet tag, so the interface needs a function space and facet "
+            "tags: Tie(V, facet_tags, slave=..., master=...)."
+        )
+    if isinstance(V, Sequence):
+        if len(V) != 2 or len(facet_tags) != 2:
+            raise ValueError(
+                "Two bodies need two spaces and two sets of facet tags: "
+                "Tie((V_slave, V_master), (tags_slave, tags_master), ...)."
+            )
+        V, facet_tags = V[side], facet_tags[side]
+    return [Part(V, facet_tags, int(which))]
+
+
+class Interface:
+    """What tying and contact have in common; see :class:`Tie` and :class:`Contact`.
+
+    Attributes:
+        slave: Parts of the slave surface.
+        master: Parts of the master surface.
+    """
+
+    def __init__(
+        self,
+        V: fem.FunctionSpace | Sequence[fem.FunctionSpace] | None = None,
+        facet_tags: MeshTags | Sequence[MeshTags] | None = None,
+        *,
+        slave: int | Sequence[tuple],
+        master: int | Sequence[tuple],
+        multiplier: str = "dual",
+        integration: str = "segment",
+        quadrature_degree: int | None = None,
+        search_distance: float | None = None,
+    ):
+        self.slave = _parts(V, facet_tags, 0, slave, "slave")
+        self.master = _parts(V, facet_tags, 1, master, "master")
+        for a in self.slave:
+            for b in self.master:
+                if a.tag == b.tag and a.tags is b.tags:
+                    raise ValueError(
+                        f"Slave and master are the same surface (facet tag {a.tag}): give the two "
+                        "sides of the interface different tags."
+                    )
+        self.multiplier_space = multiplier
+        self._space = _choose("multiplier", multiplier, _SPACES)
+        self._integration = _choose("integration", integration, _INTEGRATIONS)
+        if quadrature_degree is not None and quadrature_degree < 1:
+            raise ValueError("quadrature_degree must be positive.")
+        if search_distance is not None and not search_distance > 0:
+            raise ValueError("search_distance is a length and must be positive.")
+        self._degree = quadrature_degree
+        self._search_distance = search_distance
+        self._problem: ContactProblem | None = None
+
+    # -- Set-up, called by the problem --------------------------------------
+
+    @property
+    def is_dual(self) -> bool:
+        """Multipliers are dual, and can be condensed."""
+        return self.multiplier_space != "standard"
+
+    def _create_surfaces(self, layout: Layout) -> None:
+        self._layout = layout
+        self._surface_slave = self._surface(self.slave, "slave")
+        self._surface_master = self._surface(self.master, "master")
+        self.num_nodes = self._surface_slave.num_nodes
+        self.num_owned = self._surface_slave.num_owned
+
+    def _surface(self, parts: list[Part], side: str) -> cpp.Surface:
+        bodies = [self._layout.body(p.V) for p in parts]
+        return cpp.create_surface(
+            [p.V._cpp_object for p in parts],
+            [p.tags._cpp_object for p in parts],
+            [p.tag for p in parts],
+            side,
+            [self._layout.blocks[b] for b in bodies],
+            [self._layout.local_start(b) for b in bodies],
+        )
+
+    def _create_data(
+        self,
+        multipliers: npt.NDArray[np.int64],
+        carries: npt.NDArray[np.int8],
+        fixed: npt.NDArray[np.int8],
+    ) -> None:
+        """Make the interface's data; arrays are over local slave nodes, ghosts up to date."""
+        self._multipliers = multipliers
+        self._fixed = fixed
+        #: Nodes that may carry a multiplier, before any is dropped for want of a master
+        self._candidates = carries.copy()
+        self._data = cpp.Interface(
+            self._surface_slave,
+            self._surface_master,
+            self._space,
+            self._integration,
+            self._degree,
+            self._search_distance,
+            multipliers,
+            carries,
+            fixed,
+        )
+        weights = cpp.nodal_weights(self._data, self._surface_slave.X)
+        #: Area that belongs to each local slave node [length²]
+        self._weights = np.asarray(weights)
+
+    def _check_orphans(self, nodal: dict) -> None:
+        comm = self._layout.comm
+        orphans = comm.allgather((nodal["num_orphans"], nodal["orphan"]))
+        for number, x in orphans:
+            if number > 0:
+                raise RuntimeError(
+                    f"Slave facet at ({x[0]:.6g}, {x[1]:.6g}, {x[2]:.6g}) has no node that can "
+                    "carry a multiplier: all its nodes belong to other interfaces or to Dirichlet "
+                    "boundaries. Refine the slave surface there, or swap slave and master."
+                )
+
+    def _drop_uncovered(self, nodal: dict) -> bool:
+        """Let only nodes carry a multiplier that a master covers enough.
+
+        Returns:
+            True where that changes the set of multipliers on any rank. Collective.
+        """
+        covered = nodal["coverage"] > _COVERED * self._weights
+        carries = (self._candidates.astype(bool) & covered).astype(np.int8)
+        changed = bool(np.any(carries != self._data.carries))
+        changed = self._layout.comm.allreduce(changed, op=MPI.LOR)
+        if changed:
+            self._data.carries = carries
+        return changed
+
+    def _positions(self, u_all: npt.NDArray[np.float64] | None) -> tuple[Any, Any]:
+        if u_all is None:
+            return self._surface_slave.X, self._surface_master.X
+        return (
+            cpp.current_positions(self._surface_slave, u_all),
+            cpp.current_positions(self._surface_master, u_all),
+        )
+
+    # -- Nodal values and fields --------------------------------------------
+
+    @property
+    def num_multiplier_nodes(self) -> int:
+        """Number of slave nodes, on all ranks, that carry a multiplier. Collective."""
+        return self._layout.comm.allreduce(int(np.sum(self._data.carries[: self.num_owned] != 0)))
+
+    def _z(self) -> npt.NDArray[np.float64]:
+        """Multipliers at the local slave nodes, shape (n, 3). Collective."""
+        if self._problem is None:
+            raise RuntimeError("The interface is not part of a ContactProblem yet.")
+        return self._problem._local_multipliers(self)
+
+    def _spread(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Give nodes without a multiplier the mean of their facets' nodes that have one."""
+        surface = self._surface_slave
+        carries = self._data.carries.astype(bool)
+        sums = np.zeros((self.num_nodes, values.shape[1] + 1))
+        offsets, nodes = surface.offsets, surface.nodes
+        sizes = np.diff(offsets)
+        for size in np.unique(sizes):
+            facets = np.flatnonzero(sizes == size)
+            dofs = nodes[offsets[facets][:, None] + np.arange(size)]
+            has = carries[dofs]
+            count = has.sum(axis=1)
+            mean = (values[dofs] * has[:, :, None]).sum(axis=1)
+            mean = mean / np.maximum(count, 1)[:, None]
+            rows = np.hstack([mean, np.ones((len(facets), 1))])[count > 0]
+            target = dofs[count > 0]
+            np.add.at(sums, target, rows[:, None, :])
+        cpp.scatter_reverse_add(surface, sums)
+        cpp.scatter_forward(surface, sums)
+        out = np.where(carries[:, None], values, 0.0)
+        lonely = ~carries & (sums[:, -1] > 0)
+        out[lonely] = sums[lonely, :-1] / sums[lonely, -1:]
+        return out
+
+    def _field(self, name: str, values: npt.NDArray[np.float64], spread: bool = True) -> Any:
+        """Functions on the slave bodies' spaces from values of local slave nodes, shape (n, bs).
+
+        Returns:
+            One function, or a list where the slave surface has parts on several bodies.
+        """
+        if spread:
+            values = self._spread(values)
+        bs = values.shape[1]
+        functions = []
+        bodies = sorted({self._layout.body(p.V) for p in self.slave})
+        for b in bodies:
+            V = self._layout.spaces[b]
+            W = V if bs == 3 else self._layout.scalar_space(b)
+            f = fem.Function(W, name=name)
+            start = self._layout.local_start(b)
+            local = self._surface_slave.local_blocks - start
+            mine = (local >= 0) & (local < self._layout.num_local[b])
+            array = f.x.array.reshape(-1, bs)
+            array[local[mine]] = values[mine]
+            f.x.scatter_forward()
+            functions.append(f)
+        return functions[0] if len(functions) == 1 else functions
+
+    @property
+    def multiplier(self) -> fem.Function:
+        """Nodal multipliers λ [traction], zero off the surface; λ = -t_c on the slave.
+
+        With dual functions z_j is the average of λ around node j, weighted by Ñ_j. Collective.
+        """
+        return self._field("multiplier", self._z())
+
+    @property
+    def traction(self) -> fem.Function:
+        """Contact traction t_c = -λ that acts on the slave body. Collective."""
+        return self._field("traction", -self._z())
+
+    # -- Matrices -------------------------------------------------------------
+
+    def _matrices(self, u_all: npt.NDArray[np.float64] | None) -> tuple[PETSc.Mat, PETSc.Mat]:
+        assert self._problem is not None
+        D, M = self._problem._create_z_by_u(), self._problem._create_z_by_u()
+        configuration = cpp.configure(self._data, *self._positions(u_all))
+        cpp.integrate(self._data, configuration, D=D, M=M)
+        D.assemble()
+        M.assemble()
+        return D, M
+
+    def _current(self) -> npt.NDArray[np.float64] | None:
+        """Displacements that the matrices belong to; None for the reference configuration."""
+        return None
+
+    @property
+    def D(self) -> PETSc.Mat:
+        """D_jk = ∫ Φ_j N_k (equation 3.5): multiplier dofs by displacement dofs. Collective."""
+        return self._matrices(self._current())[0]
+
+    @property
+    def M(self) -> PETSc.Mat:
+        """M_jl = ∫ Φ_j N_l∘P (equation 3.6): multiplier dofs by displacement dofs. Collective."""
+        return self._matrices(self._current())[1]
+
+    @property
+    def T(self) -> PETSc.Mat:
+        """Basis transformation (equations 4.5, 4.13): displacement by displacement dofs."""
+        assert self._problem is not None
+        return self._problem._transformation([self], inverse=False)
+
+    @property
+    def T_inverse(self) -> PETSc.Mat:
+        """Exact inverse of T (equations 4.6, 4.14)."""
+        assert self._problem is not None
+        return self._problem._transformation([self], inverse=True)
+
+
+class Tie(Interface):
+    r"""Mesh tying, D u⁽¹⁾ = M u⁽²⁾ with D and M of the reference configuration.
+
+    Args:
+        V: Displacement space, or (space of the slave, space of the master).
+        facet_tags: Facet tags of the mesh, or one for each of the two meshes.
+        slave: Tag of the slave facets, which carry the multipliers; the finer side, or the one on
+            the softer body. A list of ``(V, facet_tags, tag)`` makes a surface of several bodies.
+        master: Tag of the master facets, or a list as for ``slave``.
+        multiplier: ``"dual"`` (biorthogonal, condensed), ``"dual-linear"`` (the same with
+            multipliers at corners only) or ``"standard"`` (needs a saddle point solver).
+        integration: ``"segment"`` (exact on the overlap of facets) or ``"element"`` (points of
+            the slave facets projected on masters: cheaper, not exact).
+        quadrature_degree: Degree on each triangle of a segment, or on each slave facet.
+        search_distance: Facets further apart [length] are not paired; by default the larger
+            diameter of the two.
+
+    The constraint is on displacements, so an initial gap between two discretised curved surfaces
+    stays as it is and a rigid translation creates no stress. A rigid *rotation* of a curved tie
+    does create (small) stress, as the gap does not turn with the bodies, unless the slave nodes
+    are first moved onto the master with :meth:`relocate`.
+    """
+
+    def relocate(self) -> float:
+        """Move the slave nodes of the mesh onto the master surface, X_s := D⁻¹ M X_m.
+
+        Not implemented by default at set-up: moves nodes of *your* mesh, so it is your call. Call
+        it before the problem is created. See :func:`dolfinx_mortar.relocate`.
+        """
+        raise RuntimeError("Call dolfinx_mortar.relocate(tie) before creating the ContactProblem.")

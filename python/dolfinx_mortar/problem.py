@@ -1,0 +1,520 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Bodies coupled by interfaces, solved by PETSc's SNES."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+
+from . import compat, cpp
+from .condensation import LinearSolver
+from .contact import Contact
+from .coupling import Coupling
+from .errors import ConvergenceError
+from .interfaces import Interface, Tie
+from .layout import Layout
+
+_DEFAULTS = {
+    "snes_rtol": 1e-9,
+    "snes_max_it": 50,
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+}
+
+
+def _list(x: Any) -> list:
+    return list(x) if isinstance(x, list | tuple) else [x]
+
+
+class ContactProblem:
+    """Find u (and λ) such that F(u; v) + ∫ λ·(v⁽¹⁾ - v⁽²⁾∘P) = 0 under the interfaces' conditions.
+
+    Shaped like DOLFINx's ``NonlinearProblem``: any UFL form of a displacement, one SNES. The
+    unknowns of the SNES are the displacements of all bodies and the multipliers of all interfaces;
+    its linear solver condenses the multipliers.
+
+    Args:
+        F: Residual form, or a list with one form for each body (one mesh each).
+        u: Displacement, or one for each body; holds the start of the iteration and the solution.
+        bcs: Dirichlet conditions of all bodies.
+        J: Jacobian form(s); by default the derivative of ``F``.
+        interfaces: :class:`Tie` and :class:`Contact` objects.
+        petsc_options_prefix: Prefix of PETSc options.
+        petsc_options: PETSc options without the prefix: ``snes_*`` for Newton's iteration,
+            ``ksp_*`` and ``pc_*`` for the condensed (or saddle point) system. Defaults: full
+            Newton steps and a sparse direct solver.
+        condense: Condense the multipliers (default where all are dual); False keeps a saddle
+            point.
+        form_compiler_options, jit_options: Passed on to ``fem.form``.
+
+    Raises:
+        ValueError, RuntimeError: Something does not fit; the message says what to do. On all
+            ranks alike.
+
+    Attributes:
+        snes: The PETSc SNES.
+        history: Of the last solve, one dictionary per Newton iteration: ``force`` (norm of the
+            residual force relative to the forces at work), ``constraint``, ``active``, ``stick``,
+            ``slip``, ``changes`` (nodes that changed state), ``step`` (length of the step taken).
+    """
+
+    def __init__(
+        self,
+        F: ufl.Form | Sequence[ufl.Form],
+        u: fem.Function | Sequence[fem.Function],
+        *,
+        bcs: Sequence[fem.DirichletBC] | None = None,
+        J: ufl.Form | Sequence[ufl.Form] | None = None,
+        interfaces: Sequence[Interface] = (),
+        petsc_options_prefix: str = "mortar_",
+        petsc_options: dict[str, Any] | None = None,
+        condense: bool | None = None,
+        form_compiler_options: dict | None = None,
+        jit_options: dict | None = None,
+    ):
+        forms, self._functions = _list(F), _list(u)
+        if len(forms) != len(self._functions):
+            raise ValueError(
+                f"There are {len(forms)} forms for {len(self._functions)} displacements: each body "
+                "needs one of both."
+            )
+        self.u = u
+        self.bcs = list(bcs or [])
+        self.interfaces = list(interfaces)
+        self._layout = Layout([f.function_space for f in self._functions])
+        self.comm = self._layout.comm
+        if condense is None:
+            condense = all(i.is_dual for i in self.interfaces)
+        elif condense and not all(i.is_dual for i in self.interfaces):
+            raise ValueError(
+                "Standard multipliers can not be condensed: leave condense out, or use "
+                "multiplier='dual'."
+            )
+
+        options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
+        options = {k: v for k, v in options.items() if v is not None}
+        jacobians = (
+            [ufl.derivative(f, w, ufl.TrialFunction(w.function_space)) for f, w in
+             zip(forms, self._functions)]
+            if J is None
+            else _list(J)
+        )
+        self._residual_forms = [fem.form(f, **options) for f in forms]
+        self._jacobian_forms = [fem.form(j, **options) for j in jacobians]
+        self._tangents = [compat.create_matrix(j) for j in self._jacobian_forms]
+
+        self._coupling = Coupling(self._layout, self.interfaces, self.bcs)
+        for i in self.interfaces:
+            i._problem = self
+        self._n_u, self._n_z = self._layout.size_u, self._coupling.size_z
+        self._z = np.zeros(self._n_z)
+        self._started = False
+        self.history: list[dict] = []
+        self._create_solver(petsc_options_prefix, petsc_options or {}, condense)
+
+    # -- Set-up ---------------------------------------------------------------
+
+    def _create_solver(self, prefix: str, options: dict[str, Any], condense: bool) -> None:
+        database = PETSc.Options()
+        chosen = {**_DEFAULTS, **options}
+        if "ksp_type" in options or "pc_type" in options:
+            for key in ("pc_factor_mat_solver_type", "mat_mumps_icntl_14", "pc_type", "ksp_type"):
+                if key not in options and not (
+                    key == "ksp_type" and options.get("pc_type") in ("lu", "cholesky")
+                ):
+                    chosen.pop(key, None)
+        given = []
+        for key, value in chosen.items():
+            name = prefix + key
+            # What the command line says counts more than our defaults
+            if key in options or not database.hasName(name):
+                database.setValue(name, value)
+                given.append(name)
+        self._monitor = database.hasName(prefix + "snes_monitor")
+
+        n = self._n_u + self._n_z
+        self._x = PETSc.Vec().createMPI((n, None), comm=self.comm)
+        self._f = self._x.duplicate()
+        matrix = PETSc.Mat().createPython(
+            ((n, None), (n, None)), context=_NewtonMatrix(self), comm=self.comm
+        )
+        matrix.setUp()
+        self.snes = PETSc.SNES().create(self.comm)
+        self.snes.setOptionsPrefix(prefix)
+        self.snes.setType("newtonls")
+        self.snes.setFunction(self._snes_function, self._f)
+        self.snes.setJacobian(self._snes_jacobian, matrix)
+        self.snes.setConvergenceTest(self._converged)
+        self.snes.setLineSearchPreCheck(self._precheck)
+        search = prefix + "snes_linesearch_type"
+        if not database.hasName(search):
+            database.setValue(search, "basic")
+            given.append(search)
+        self._solver = LinearSolver(self.comm, prefix, condense)
+        self._solver.ksp.setFromOptions()
+        ksp = self.snes.getKSP()
+        ksp.setOptionsPrefix(prefix + "newton_")
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("python")
+        pc.setPythonContext(_NewtonSolver(self))
+        self.snes.setFromOptions()
+        if self._monitor:
+            self.snes.setMonitor(self._print_monitor)
+        for name in given:
+            database.delValue(name)
+
+    def _create_z_by_u(self) -> PETSc.Mat:
+        return self._coupling.create_matrix(self._n_z, self._n_u)
+
+    def _transformation(self, interfaces: Sequence[Interface], inverse: bool) -> PETSc.Mat:
+        return self._coupling.transformation(interfaces, inverse)
+
+    def _local_multipliers(self, interface: Interface) -> npt.NDArray[np.float64]:
+        return self._coupling.local_multipliers(self._z, interface)
+
+    # -- Newton's iteration ------------------------------------------------------
+
+    def _snes_function(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array[:] = self._evaluate(x.array_r)
+
+    def _evaluate(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Residual at x = [u, z] of this rank. Collective; keeps the last result."""
+        same = self._cached is not None and np.array_equal(x, self._cached[0])
+        if self.comm.allreduce(same, op=MPI.LAND):
+            return self._cached[1]
+        n = self._n_u
+        u, z = x[:n], x[n:]
+        self._layout.scatter(u, self._functions)
+        self._z[:] = z
+        f = np.empty_like(x)
+        for b, form in enumerate(self._residual_forms):
+            vector = fem.assemble_vector(form)
+            vector.scatter_reverse(compat.INSERT_ADD)
+            start, end = self._layout.starts[b : b + 2]
+            f[start:end] = vector.array[: end - start]
+        u_all = self._layout.all_local(self._functions)
+        contact, f[n:] = self._coupling.evaluate(u_all, u, z, self._forced)
+        f[:n] += contact
+        # Forces at work: reactions and contact forces
+        fixed = self._coupling.fixed_dofs
+        self._force_scale = self._norm(np.concatenate([f[fixed], contact]))
+        f[fixed] = (u - self._prescribed_values())[fixed]
+        self._cached = (x.copy(), f)
+        return f
+
+    def _prescribed_values(self) -> npt.NDArray[np.float64]:
+        values = []
+        for b, V in enumerate(self._layout.spaces):
+            array = np.zeros(3 * self._layout.num_local[b])
+            for bc in self.bcs:
+                if self._layout.body_of_bc(bc) == b:
+                    compat.set_bc_values(bc, array)
+            values.append(array[: 3 * self._layout.num_owned[b]])
+        return np.concatenate(values)
+
+    def _norm(self, values: npt.NDArray[np.float64]) -> float:
+        return float(np.sqrt(self.comm.allreduce(float(values @ values))))
+
+    def _max(self, values: npt.NDArray[np.float64]) -> float:
+        return self.comm.allreduce(float(np.max(np.abs(values), initial=0.0)), op=MPI.MAX)
+
+    def _assemble_tangent(self) -> PETSc.Mat:
+        for A, form in zip(self._tangents, self._jacobian_forms):
+            A.zeroEntries()
+            compat.assemble_matrix(A, form)
+            A.assemble()
+        if len(self._tangents) == 1:
+            return self._tangents[0]
+        rows = [
+            [A if i == j else None for j in range(len(self._tangents))]
+            for i, A in enumerate(self._tangents)
+        ]
+        nest = PETSc.Mat().createNest(rows, comm=self.comm)
+        K = nest.convert("aij", PETSc.Mat())
+        nest.destroy()
+        return K
+
+    def _snes_jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        self._evaluate(x.array_r)
+        self._release_system()
+        K = self._assemble_tangent()
+        self._system = self._coupling.linearise(K, self._z)
+
+    def _release_system(self) -> None:
+        if self._system is not None:
+            self._coupling.release(self._system, keep=self._tangents)
+            self._system = None
+
+    def _precheck(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Shorten the step until the residual is finite (no cell is inside out)."""
+        self._iteration_step = 1.0
+        if self._cycle_pending:
+            # A cycle of active sets: a shorter step leads out of it
+            y.scale(0.5)
+            self._iteration_step = 0.5
+            self._cycle_pending = False
+        self._forced = None
+        for _ in range(10):
+            message = ""
+            try:
+                f = self._evaluate(x.array_r - y.array_r)
+                finite = bool(np.all(np.isfinite(f)))
+            except RuntimeError as error:
+                finite, message = False, str(error)
+            if self.comm.allreduce(finite, op=MPI.LAND):
+                return
+            self._failure = message
+            self._cached = None
+            y.scale(0.5)
+            self._iteration_step *= 0.5
+
+    def _measures(self) -> dict:
+        """Norms that decide on convergence. Collective."""
+        x, f = self._cached
+        n = self._n_u
+        free = f[:n].copy()
+        free[self._coupling.fixed_dofs] = 0.0
+        bc = self._max(f[:n][self._coupling.fixed_dofs])
+        residual = self._norm(free)
+        self._force_reference = max(self._force_reference, self._force_scale, residual)
+        length = max(self._max(x[:n]), bc)
+        constraint = self._coupling.constraint_measure(f[n:], x[n:], length)
+        return {
+            "force": residual / self._force_reference if self._force_reference > 0 else 0.0,
+            "residual": residual,
+            "constraint": self.comm.allreduce(constraint, op=MPI.MAX),
+            "prescribed": bc / length if length > 0 else 0.0,
+        }
+
+    def _converged(self, snes, it: int, norms) -> int | None:
+        Reason = PETSc.SNES.ConvergedReason
+        rtol, atol, _, max_it = snes.getTolerances()
+        if self._cached is None or not np.isfinite(norms[2]):
+            return Reason.DIVERGED_FNORM_NAN
+        m = self._measures()
+        counts = self._coupling.status_counts()
+        changes = self._coupling.update_history(it)
+        if it > 0 and not self._coupling.has_contact:
+            changes = 0
+        record = {"iteration": it, **m, **counts, "changes": changes}
+        record["step"] = self._iteration_step if it > 0 else 0.0
+        self.history.append(record)
+        small = max(m["force"], m["constraint"], m["prescribed"]) <= rtol or (
+            m["residual"] <= atol and m["constraint"] <= rtol and m["prescribed"] <= rtol
+        )
+        settled = changes == 0 or (it > 0 and self._coupling.undecided(self._z, rtol))
+        if small and settled and self._forced is None:
+            return Reason.CONVERGED_FNORM_RELATIVE
+        if it >= max_it:
+            return Reason.DIVERGED_MAX_IT
+        if self._coupling.cycling():
+            self._cycle_pending = True
+            record["cycle"] = True
+        return Reason.CONVERGED_ITERATING
+
+    def _print_monitor(self, snes, it: int, norm: float) -> None:
+        if self.history and self.comm.rank == 0:
+            r = self.history[-1]
+            if self._coupling.has_contact:
+                sets = f"active {r['active']} (stick {r['stick']}, slip {r['slip']}), "
+                sets += f"{r['changes']} changed, "
+            else:
+                sets = ""
+            PETSc.Sys.Print(
+                f"      {sets}force {r['force']:.3e}, constraint {r['constraint']:.3e}",
+                comm=MPI.COMM_SELF,
+            )
+
+    # -- Solve -------------------------------------------------------------------
+
+    def solve(
+        self, adaptive: Callable[[float], None] | None = None, max_cuts: int = 6
+    ) -> int:
+        """Solve from the present displacement. Collective.
+
+        Args:
+            adaptive: Function that sets loads and boundary values for a fraction t in (0, 1] of
+                this step. If the step does not converge it is cut in halves and tried again.
+            max_cuts: How often a step may be halved.
+
+        Returns:
+            Number of Newton iterations (of all parts of a cut step).
+
+        Raises:
+            ConvergenceError: Not converged; the state is as before the call.
+        """
+        if adaptive is None:
+            return self._solve_once()
+        done, part, total = 0.0, 1.0, 0
+        start = self._state()
+        while done < 1.0:
+            target = min(1.0, done + part)
+            adaptive(target)
+            try:
+                total += self._solve_once()
+            except ConvergenceError:
+                part /= 2
+                if part < 0.5**max_cuts:
+                    self._restore(start)
+                    raise
+                continue
+            done = target
+            part = min(2 * part, 1.0 - done) if done < 1.0 else part
+        return total
+
+    def _state(self):
+        return (
+            self._layout.gather(self._functions).copy(),
+            self._z.copy(),
+            self._coupling.state(),
+            self._started,
+        )
+
+    def _restore(self, state) -> None:
+        u, z, coupling, self._started = state
+        self._layout.scatter(u, self._functions)
+        self._z[:] = z
+        self._coupling.restore(coupling)
+
+    def _solve_once(self) -> int:
+        state = self._state()
+        self._cached = None
+        self._system = None
+        self._forced = None
+        self._failure = ""
+        self._cycle_pending = False
+        self._iteration_step = 0.0
+        self._force_reference = 0.0
+        self.history = []
+        n = self._n_u
+        try:
+            self._x.array[:n] = state[0]
+            self._x.array[n:] = state[1]
+            self._begin()
+            self.snes.solve(None, self._x)
+            reason = self.snes.getConvergedReason()
+            if reason <= 0:
+                raise ConvergenceError(self._explain(reason), self.history)
+            self._evaluate(self._x.array_r)
+        except Exception as error:
+            self._release_system()
+            self._cached = None
+            self._restore(state)
+            if isinstance(error, PETSc.Error):
+                raise ConvergenceError(self._explain_petsc(error), self.history) from error
+            raise
+        self._release_system()
+        self._coupling.accept()
+        self._started = True
+        return self.snes.getIterationNumber()
+
+    def _begin(self) -> None:
+        """Prepare parameters and the initial active set. Collective."""
+        u = self._x.array_r[: self._n_u]
+        self._layout.scatter(u, self._functions)
+        u_all = self._layout.all_local(self._functions)
+        if self._coupling.has_contact and not self._started:
+            K = self._assemble_tangent()
+            diagonal = K.getDiagonal().array.copy()
+            if K is not self._tangents[0]:
+                K.destroy()
+            self._coupling.set_parameters(diagonal)
+        self._coupling.begin(u_all, u)
+        if self._coupling.has_contact and not self._started:
+            self._evaluate(self._x.array_r)
+            self._forced = self._coupling.initial_status(self._functions)
+            if self._forced is not None:
+                self._cached = None
+
+    def _explain(self, reason: int) -> str:
+        Reason = PETSc.SNES.ConvergedReason
+        names = {getattr(Reason, k): k for k in dir(Reason) if k.startswith("DIVERGED")}
+        text = f"The solve did not converge ({names.get(reason, reason)})"
+        if self.history:
+            r = self.history[-1]
+            text += f" after {r['iteration']} Newton iterations."
+            measures = {k: r[k] for k in ("force", "constraint", "prescribed")}
+            worst = max(measures, key=measures.get)
+            meaning = {
+                "force": "the residual force",
+                "constraint": "the interface constraint",
+                "prescribed": "the distance to prescribed displacements",
+            }[worst]
+            text += f" Largest is {meaning}, {measures[worst]:.2e} relative"
+            if self._coupling.has_contact:
+                moves = ", ".join(f"{h['active']} (±{h['changes']})" for h in self.history[-5:])
+                text += f"; nodes in contact (changed) in the last iterations: {moves}"
+            text += "."
+            if any(h.get("cycle") for h in self.history):
+                text += " The active set cycled."
+        if self._failure:
+            text += f" {self._failure}"
+        hint = self._coupling.diagnose()
+        text += hint or (
+            " Take smaller load steps, or let solve(adaptive=...) cut them; the state is as "
+            "before the step."
+        )
+        return text
+
+    def _explain_petsc(self, error: Exception) -> str:
+        hint = self._coupling.diagnose()
+        return (
+            f"The linear solver failed ({error})."
+            + (f" {self._failure}" if self._failure else "")
+            + (hint or " A body may not be held: check the Dirichlet conditions.")
+        )
+
+    def _resultants(self, contact: Contact):
+        return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))
+
+
+class _NewtonMatrix:
+    """Jacobian of the coupled problem, for matrix-vector products."""
+
+    def __init__(self, problem: ContactProblem):
+        self._problem = problem
+
+    def mult(self, mat, x, y):
+        p = self._problem
+        n = p._n_u
+        s = p._system
+        u, z = s.K.createVecRight(), s.C_z.createVecRight()
+        fu, fz, w, v = s.K.createVecLeft(), s.C_z.createVecLeft(), s.K.createVecLeft(), None
+        u.array[:], z.array[:] = x.array_r[:n], x.array_r[n:]
+        s.K.mult(u, fu)
+        s.B.multTranspose(z, w)
+        fu.array[:] += w.array
+        fu.array[s.fixed] = u.array[s.fixed]
+        v = s.C_z.createVecLeft()
+        s.C_u.mult(u, fz)
+        s.C_z.mult(z, v)
+        y.array[:n] = fu.array
+        y.array[n:] = fz.array + v.array
+
+
+class _NewtonSolver:
+    """Preconditioner of SNES's Krylov solver: solves the Newton system."""
+
+    def __init__(self, problem: ContactProblem):
+        self._problem = problem
+
+    def setUp(self, pc):
+        pass
+
+    def apply(self, pc, x, y):
+        p = self._problem
+        du, dz = p._solver.solve(p._system, x.array_r[: p._n_u].copy(), x.array_r[p._n_u :].copy())
+        y.array[: p._n_u] = du
+        y.array[p._n_u :] = dz

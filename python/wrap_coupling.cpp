@@ -1,0 +1,218 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+// Interfaces and their PETSc matrices.
+
+#include "arrays.h"
+#if __has_include(<dolfinx_wrappers/caster_petsc.h>)
+#include <dolfinx_wrappers/caster_petsc.h>
+#else
+#include <caster_petsc.h>
+#endif
+#include <dolfinx_mortar/coupling.h>
+#include <dolfinx_mortar/laws.h>
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/vector.h>
+
+namespace nb = nanobind;
+using namespace dolfinx_mortar;
+using namespace dolfinx_mortar_wrappers;
+
+namespace
+{
+template <typename T>
+std::vector<T> copy(const In<T>& a)
+{
+  return {a.data(), a.data() + a.size()};
+}
+
+Mat null_or(std::optional<Mat> A) { return A ? *A : nullptr; }
+} // namespace
+
+void wrap_coupling(nb::module_& m)
+{
+  import_petsc4py();
+
+  nb::class_<Interface>(m, "Interface", "A slave and a master surface")
+      .def(
+          "__init__",
+          [](Interface* self, const Surface& slave, const Surface& master,
+             MultiplierSpace space, Integration integration,
+             std::optional<int> degree, std::optional<double> search_distance,
+             In<std::int64_t> multipliers, In<std::int8_t> carries,
+             In<std::int8_t> fixed)
+          {
+            new (self)
+                Interface{slave,           master,
+                          {space, integration, degree},
+                          search_distance, copy(multipliers),
+                          copy(carries),   copy(fixed)};
+          },
+          nb::arg("slave"), nb::arg("master"), nb::arg("space"),
+          nb::arg("integration"), nb::arg("degree").none(),
+          nb::arg("search_distance").none(), nb::arg("multipliers"),
+          nb::arg("carries"), nb::arg("fixed"))
+      .def_prop_rw(
+          "carries",
+          [](const Interface& self)
+          {
+            return as_array(std::vector<std::int8_t>(self.carries),
+                            {self.carries.size()});
+          },
+          [](Interface& self, In<std::int8_t> v) { self.carries = copy(v); },
+          nb::rv_policy::automatic,
+          "Flags of local slave nodes that carry a multiplier")
+      .def_ro("slave", &Interface::slave)
+      .def_ro("master", &Interface::master);
+
+  nb::class_<Configuration>(m, "Configuration",
+                            "Positions, normals and candidate pairs")
+      .def_prop_ro("normals",
+                   [](const Configuration& self)
+                   {
+                     return as_array(std::vector<double>(self.normals.n),
+                                     {self.normals.n.size() / 3, 3});
+                   },
+                   nb::rv_policy::automatic, "Averaged normals, shape (n, 3)")
+      .def_prop_ro("num_candidates", [](const Configuration& self)
+                   { return self.candidates.facets.size(); });
+
+  m.def(
+      "configure",
+      [](const Interface& interface, In<double> x_slave, In<double> x_master)
+      { return configure(interface, copy(x_slave), copy(x_master)); },
+      nb::arg("interface"), nb::arg("x_slave"), nb::arg("x_master"),
+      "Find what meets in a configuration. Collective.");
+
+  m.def(
+      "integrate",
+      [](const Interface& interface, const Configuration& configuration,
+         std::optional<Mat> D, std::optional<Mat> M, std::optional<Mat> B,
+         std::optional<Mat> B_tilde)
+      {
+        NodalIntegrals r
+            = integrate(interface, configuration,
+                        {null_or(D), null_or(M), null_or(B), null_or(B_tilde)});
+        const std::size_t n = r.gap.size();
+        nb::dict d;
+        d["coverage"] = as_array(std::move(r.coverage), {n});
+        d["diagonal"] = as_array(std::move(r.diagonal), {n});
+        d["weight"] = as_array(std::move(r.weight), {n});
+        d["gap"] = as_array(std::move(r.gap), {n});
+        d["offset"] = as_array(std::move(r.offset), {n, 3});
+        d["area"] = r.area;
+        d["dropped_area"] = r.dropped_area;
+        d["num_covered"] = r.num_covered;
+        d["num_pairs"] = r.num_pairs;
+        d["num_orphans"] = r.num_orphans;
+        d["orphan"] = r.orphan;
+        return d;
+      },
+      nb::arg("interface"), nb::arg("configuration"),
+      nb::arg("D").none() = nb::none(), nb::arg("M").none() = nb::none(),
+      nb::arg("B").none() = nb::none(), nb::arg("B_tilde").none() = nb::none(),
+      "Add the mortar matrices and integrate nodal values. Collective.");
+
+  m.def(
+      "integrate_derivatives",
+      [](const Interface& interface, const Configuration& configuration,
+         In<double> z, In<std::int8_t> active, std::optional<Mat> force,
+         std::optional<Mat> gap, std::optional<Mat> gap_normal,
+         std::optional<Mat> offset)
+      {
+        integrate_derivatives(interface, configuration, span(z), span(active),
+                              {null_or(force), null_or(gap),
+                               null_or(gap_normal), null_or(offset)});
+      },
+      nb::arg("interface"), nb::arg("configuration"), nb::arg("z"),
+      nb::arg("active"), nb::arg("force").none() = nb::none(),
+      nb::arg("gap").none() = nb::none(),
+      nb::arg("gap_normal").none() = nb::none(),
+      nb::arg("offset").none() = nb::none(),
+      "Add derivatives of contact force, gap and offset. Collective.");
+
+  m.def(
+      "differentiate_normals",
+      [](const Interface& interface, const Configuration& configuration, Mat A)
+      { differentiate_normals(interface, configuration, A); },
+      nb::arg("interface"), nb::arg("configuration"), nb::arg("A"),
+      "Add the derivative of the averaged normals. Collective.");
+
+  m.def(
+      "nodal_weights",
+      [](const Interface& interface, In<double> x)
+      {
+        std::vector<double> w = nodal_weights(interface, span(x));
+        const std::size_t n = w.size();
+        return as_array(std::move(w), {n});
+      },
+      nb::arg("interface"), nb::arg("x"),
+      "Integrals of the transformed functions over the whole slave surface.");
+
+  m.def(
+      "insert_transformation",
+      [](const Interface& interface, bool inverse, Mat T)
+      { insert_transformation(interface, inverse, T); },
+      nb::arg("interface"), nb::arg("inverse"), nb::arg("T"),
+      "Insert T or its inverse. Collective.");
+
+  m.def(
+      "create_matrix",
+      [](const Surface& surface, std::int64_t rows, std::int64_t columns)
+      { return create_matrix(surface.comm, rows, columns); },
+      nb::rv_policy::take_ownership, nb::arg("surface"), nb::arg("local_rows"),
+      nb::arg("local_columns"),
+      "Empty AIJ matrix on the communicator of a surface.");
+
+  m.def(
+      "contact_residual",
+      [](In<double> z, In<double> normal, In<double> gap,
+         std::optional<In<double>> motion, In<double> c_n, In<double> c_t,
+         In<std::int8_t> carries, In<std::int8_t> fixed, double friction,
+         std::optional<double> bound, std::optional<In<std::int8_t>> forced)
+      {
+        std::vector<Status> states;
+        if (forced)
+        {
+          for (std::int8_t s : span(*forced))
+            states.push_back(static_cast<Status>(s));
+        }
+        ContactResidual r = contact_residual(
+            {span(z), span(normal), span(gap),
+             motion ? span(*motion) : std::span<const double>(), span(c_n),
+             span(c_t), span(carries), span(fixed)},
+            {friction, bound}, states);
+        const std::size_t n = r.status.size();
+        std::vector<std::int8_t> status;
+        for (Status s : r.status)
+          status.push_back(static_cast<std::int8_t>(s));
+        nb::dict d;
+        d["status"] = as_array(std::move(status), {n});
+        d["value"] = as_array(std::move(r.value), {n, 3});
+        d["dz"] = as_array(std::move(r.dz), {n, 3, 3});
+        d["dn"] = as_array(std::move(r.dn), {n, 3, 3});
+        d["dw"] = as_array(std::move(r.dw), {n, 3, 3});
+        d["dg"] = as_array(std::move(r.dg), {n, 3});
+        return d;
+      },
+      nb::arg("z"), nb::arg("normal"), nb::arg("gap"), nb::arg("motion").none(),
+      nb::arg("c_n"), nb::arg("c_t"), nb::arg("carries"), nb::arg("fixed"),
+      nb::arg("friction"), nb::arg("bound").none(),
+      nb::arg("forced").none() = nb::none(),
+      "Contact conditions as a semi-smooth equation, for arrays of nodes.");
+
+  m.def(
+      "add_blocks",
+      [](Mat A, std::int64_t first_row, std::int64_t first_column,
+         In<double> blocks)
+      {
+        const std::size_t n = blocks.shape(0);
+        const PetscInt r = blocks.shape(1), c = blocks.shape(2);
+        add_blocks(A, first_row, first_column, n, r, c, span(blocks));
+      },
+      nb::arg("A"), nb::arg("first_row"), nb::arg("first_column"),
+      nb::arg("blocks"),
+      "Insert a block diagonal, blocks of shape (n, rows, columns).");
+}

@@ -1,0 +1,269 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+// Surfaces, normals and search. Users meet these through Python classes; here
+// they are as the tests want them.
+
+#include "arrays.h"
+#include <cstdint>
+#include <dolfinx_mortar/adapter.h>
+#include <dolfinx_mortar/search.h>
+#include <dolfinx_mortar/surface.h>
+#include <memory>
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+namespace nb = nanobind;
+using namespace dolfinx_mortar;
+using namespace dolfinx_mortar_wrappers;
+
+namespace
+{
+/// Array of one value, or a row of values, per node
+template <typename T>
+using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
+
+/// Read-only view of a member of `C`, with `columns` values in a row (0: one
+/// axis only)
+template <typename C, typename T>
+void array(nb::class_<C>& c, const char* name, std::vector<T> C::*member,
+           const char* doc, std::size_t columns = 0)
+{
+  c.def_prop_ro(
+      name,
+      [member, columns](const C& self)
+      {
+        const std::vector<T>& v = self.*member;
+        const std::array<std::size_t, 2> shape
+            = {columns ? v.size() / columns : v.size(), columns};
+        return nb::ndarray<const T, nb::numpy>(v.data(), columns ? 2 : 1,
+                                               shape.data(), nb::handle());
+      },
+      nb::rv_policy::reference_internal, doc);
+}
+
+/// Read-only view of the types of facets, as the numbers of FacetType
+template <typename C>
+void types(nb::class_<C>& c)
+{
+  c.def_prop_ro(
+      "types",
+      [](const C& self)
+      {
+        return nb::ndarray<const std::int8_t, nb::numpy>(
+            reinterpret_cast<const std::int8_t*>(self.types.data()),
+            {self.types.size()}, nb::handle());
+      },
+      nb::rv_policy::reference_internal, "Type of each facet (FacetType).");
+}
+
+template <typename T>
+int block_size(const Surface& s, const InOut<T>& a)
+{
+  if (a.ndim() < 1 or a.ndim() > 2
+      or a.shape(0) != static_cast<std::size_t>(num_local_nodes(s)))
+    throw std::invalid_argument("One row of values is needed for each node.");
+  return a.ndim() == 1 ? 1 : a.shape(1);
+}
+
+template <typename T>
+void scatter(nb::module_& m)
+{
+  m.def(
+      "scatter_forward", [](const Surface& s, InOut<T> a)
+      { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
+      nb::arg("surface"), nb::arg("values"),
+      "Copy the values of owned nodes to their ghosts. Collective.");
+  m.def(
+      "scatter_reverse_add",
+      [](const Surface& s, InOut<T> a)
+      {
+        scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
+      },
+      nb::arg("surface"), nb::arg("values"),
+      "Add the values of ghosts to those of their owners. Collective.");
+}
+} // namespace
+
+void wrap_surface(nb::module_& m)
+{
+  nb::class_<Surface> s(m, "Surface", "One side of an interface.");
+  types(s);
+  array(s, "offsets", &Surface::offsets, "Where the nodes of a facet begin.");
+  array(s, "nodes", &Surface::nodes, "Local nodes of all facets.");
+  array(s, "orientation", &Surface::orientation, "+1 or -1 for each facet.");
+  array(s, "numbers", &Surface::numbers, "Surface number of each local node.");
+  array(s, "blocks", &Surface::blocks, "Block number of each local node.");
+  array(s, "local_blocks", &Surface::local_blocks,
+        "Local block of the function space of each local node.");
+  array(s, "X", &Surface::X, "Reference positions, shape (num_nodes, 3).", 3);
+  array(s, "owner_ranks", &Surface::owner_ranks, "Ranks that own ghosts.");
+  array(s, "ghost_ranks", &Surface::ghost_ranks,
+        "Ranks that have ghosts of owned nodes.");
+  s.def_ro("num_owned", &Surface::num_owned)
+      .def_ro("first_owned", &Surface::first_owned)
+      .def_ro("num_global", &Surface::num_global)
+      .def_prop_ro("num_nodes", &num_local_nodes)
+      .def_prop_ro("num_facets",
+                   [](const Surface& self) { return self.types.size(); });
+
+  m.def(
+      "create_surface",
+      [](int comm, In<std::int8_t> types, In<std::int32_t> facet_blocks,
+         In<std::int8_t> orientation, In<std::int64_t> block_numbers,
+         std::int32_t num_owned_blocks, In<std::int32_t> block_owners,
+         In<double> X)
+      {
+        std::vector<FacetType> t;
+        for (std::int8_t type : span(types))
+          t.push_back(static_cast<FacetType>(type));
+        return create_surface(MPI_Comm_f2c(comm), std::move(t),
+                              span(facet_blocks),
+                              {orientation.data(),
+                               orientation.data() + orientation.size()},
+                              span(block_numbers), num_owned_blocks,
+                              span(block_owners), span(X));
+      },
+      nb::arg("comm"), nb::arg("types"), nb::arg("facet_blocks"),
+      nb::arg("orientation"), nb::arg("block_numbers"),
+      nb::arg("num_owned_blocks"), nb::arg("block_owners"), nb::arg("X"),
+      "Create a surface from arrays; `comm` is `comm.py2f()`. Collective.");
+  m.def(
+      "create_surface",
+      [](std::shared_ptr<const dolfinx::fem::FunctionSpace<double>> V,
+         In<std::int32_t> facets, In<std::int64_t> block_numbers,
+         const std::string& name)
+      { return create_surface(*V, span(facets), span(block_numbers), name); },
+      nb::arg("V"), nb::arg("facets"), nb::arg("block_numbers"),
+      nb::arg("name") = "surface",
+      "The surface of a displacement space on some facets. Collective.");
+  m.def(
+      "create_surface",
+      [](std::shared_ptr<const dolfinx::fem::FunctionSpace<double>> V,
+         std::shared_ptr<const dolfinx::mesh::MeshTags<std::int32_t>> tags,
+         std::int32_t tag, const std::string& side,
+         In<std::int64_t> block_numbers)
+      { return create_surface(*V, *tags, tag, side, span(block_numbers)); },
+      nb::arg("V"), nb::arg("tags"), nb::arg("tag"), nb::arg("side"),
+      nb::arg("block_numbers"),
+      "The surface of a displacement space on tagged facets. Collective.");
+  m.def(
+      "create_surface",
+      [](const std::vector<
+             std::shared_ptr<const dolfinx::fem::FunctionSpace<double>>>& V,
+         const std::vector<
+             std::shared_ptr<const dolfinx::mesh::MeshTags<std::int32_t>>>&
+             tags,
+         const std::vector<std::int32_t>& tag, const std::string& side,
+         const std::vector<In<std::int64_t>>& block_numbers,
+         const std::vector<std::int32_t>& first_blocks)
+      {
+        std::vector<SurfacePart> parts;
+        for (std::size_t i = 0; i < V.size(); ++i)
+        {
+          parts.push_back(tagged_part(*V[i], *tags[i], tag[i], side,
+                                      span(block_numbers[i]),
+                                      first_blocks[i]));
+        }
+        return create_surface(parts);
+      },
+      nb::arg("V"), nb::arg("tags"), nb::arg("tag"), nb::arg("side"),
+      nb::arg("block_numbers"), nb::arg("first_blocks"),
+      "A surface of tagged facets of several bodies. Collective.");
+  m.def(
+      "number_blocks",
+      [](const std::vector<std::shared_ptr<const dolfinx::common::IndexMap>>&
+             maps)
+      {
+        std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> r;
+        for (auto& map : maps)
+          r.emplace_back(*map);
+        nb::list numbers;
+        for (std::vector<std::int64_t>& n : number_blocks(r))
+        {
+          const std::size_t size = n.size();
+          numbers.append(as_array(std::move(n), {size}));
+        }
+        return numbers;
+      },
+      nb::arg("maps"),
+      "Number the blocks of several bodies in one vector. Collective.");
+
+  scatter<double>(m);
+  scatter<std::int8_t>(m);
+  scatter<std::int32_t>(m);
+  scatter<std::int64_t>(m);
+
+  m.def(
+      "current_positions",
+      [](const Surface& s, In<double> u)
+      {
+        const std::size_t n = num_local_nodes(s);
+        return as_array(current_positions(s, span(u)), {n, 3});
+      },
+      nb::arg("surface"), nb::arg("u"),
+      "Positions X + u, shape (num_nodes, 3). Collective.");
+  m.def(
+      "check_areas", [](const Surface& s, In<double> x, const std::string& name)
+      { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
+      nb::arg("name") = "surface",
+      "Check that every facet has an area. Collective.");
+
+  nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
+  array(n, "n", &Normals::n, "Unit normals, shape (num_nodes, 3).", 3);
+  array(n, "length", &Normals::length, "Length of the sums.");
+  m.def(
+      "compute_normals",
+      [](const Surface& s, In<double> x, std::optional<In<std::int8_t>> fixed)
+      {
+        return compute_normals(
+            s, span(x), fixed ? span(*fixed) : std::span<const std::int8_t>());
+      },
+      nb::arg("surface"), nb::arg("x"), nb::arg("fixed").none() = nb::none(),
+      "Averaged nodal normals. Collective.");
+  m.def(
+      "normal_derivative",
+      [](const Surface& s, In<double> x, std::optional<In<std::int8_t>> fixed,
+         const Normals& normals, std::int32_t f)
+      {
+        const std::size_t n = 3 * facet_nodes(s, f).size();
+        std::vector<double> dn(n * n);
+        normal_derivative(
+            s, span(x), fixed ? span(*fixed) : std::span<const std::int8_t>(),
+            normals, f, dn);
+        return as_array(std::move(dn), {n, n});
+      },
+      nb::arg("surface"), nb::arg("x"), nb::arg("fixed").none(),
+      nb::arg("normals"), nb::arg("facet"),
+      "Share of a facet in the derivative of its nodes' normals.");
+
+  nb::class_<FacetList> l(m, "FacetList", "Facets with their positions.");
+  types(l);
+  array(l, "orientation", &FacetList::orientation, "+1 or -1 for each facet.");
+  array(l, "offsets", &FacetList::offsets, "Where the nodes of a facet begin.");
+  array(l, "blocks", &FacetList::blocks, "Block number of each node.");
+  array(l, "x", &FacetList::x, "Positions of the nodes, shape (n, 3).", 3);
+  nb::class_<Candidates> c(m, "Candidates", "Pairs of facets that may meet.");
+  c.def_ro("master", &Candidates::master, "Master facets of the pairs.");
+  array(c, "offsets", &Candidates::offsets,
+        "Where the masters of a slave facet begin.");
+  array(c, "facets", &Candidates::facets, "Master facets of all pairs.");
+  m.def(
+      "find_candidates",
+      [](const Surface& slave, In<double> x_slave, const Surface& master,
+         In<double> x_master, std::optional<double> distance)
+      {
+        return find_candidates(slave, span(x_slave), master, span(x_master),
+                               distance);
+      },
+      nb::arg("slave"), nb::arg("x_slave"), nb::arg("master"),
+      nb::arg("x_master"), nb::arg("distance").none() = nb::none(),
+      "Find the master facets near each slave facet. Collective.");
+}
