@@ -428,6 +428,7 @@ Normals dolfinx_mortar::compute_normals(const Surface& s,
         normals.n[3 * nodes[k] + i] += s.orientation[f] * c[i] / length;
     }
   }
+  throw_on_all(s.comm, message);
   scatter_reverse_add(s, std::span(normals.n), 3);
 
   for (std::int32_t k = 0; k < s.num_owned; ++k)
