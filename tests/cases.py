@@ -122,15 +122,24 @@ class Body:
     V: fem.FunctionSpace
 
 
+Side = list[tuple[int, int]]
+
+
 @dataclass
 class Interface:
-    """Slave and master parts with their facet tags; friction is Coulomb's coefficient."""
+    """A "tie" or "contact" interface.
+
+    Attributes:
+        kind: Which of them.
+        slave: Part and facet tag of each piece of the slave surface.
+        master: The same of the master surface.
+        friction: Coulomb's coefficient.
+        initially_active: Whether contact is closed at the start.
+    """
 
     kind: str
-    slave: int
-    slave_tag: int
-    master: int
-    master_tag: int
+    slave: Side
+    master: Side
     friction: float | None = None
     initially_active: bool = True
 
@@ -299,7 +308,7 @@ def _space(mesh: dmesh.Mesh, element: str) -> fem.FunctionSpace:
 
 def _body(comm: MPI.Comm, parts: Sequence[Part], numbers: Sequence[int]) -> Body:
     element = parts[0].element
-    offsets = np.cumsum([0] + [len(p.points) for p in parts])
+    offsets = np.cumsum([0, *(len(p.points) for p in parts)])
     points = np.vstack([p.points for p in parts])
     cells = np.vstack([p.cells + o for p, o in zip(parts, offsets[:-1], strict=True)])
     labels = np.concatenate(
@@ -449,18 +458,18 @@ def make_interfaces(case: Case, **options) -> list:
     """
     import dolfinx_mortar as dm
 
+    def surface(side):
+        bodies = [case.bodies[case.body[part]] for part, _ in side]
+        return [(b.V, b.facet_tags, tag) for b, (_, tag) in zip(bodies, side, strict=True)]
+
     made = []
     for i in case.interfaces:
-        slave, master = (case.bodies[case.body[p]] for p in (i.slave, i.master))
-        same = slave is master
-        V = slave.V if same else (slave.V, master.V)
-        tags = slave.facet_tags if same else (slave.facet_tags, master.facet_tags)
         more = dict(options)
         if i.kind == "contact":
             more.setdefault("friction", i.friction)
             more.setdefault("initial_active", "all" if i.initially_active else "gap")
         kind = dm.Tie if i.kind == "tie" else dm.Contact
-        made.append(kind(V, tags, slave=i.slave_tag, master=i.master_tag, **more))
+        made.append(kind(slave=surface(i.slave), master=surface(i.master), **more))
     return made
 
 
@@ -570,6 +579,34 @@ def oracle_surface(
     return oracle.Surface(x[used], new, np.array(sign)), used
 
 
+def interface_surfaces(
+    case: Case, interface: Interface, u: Sequence[fem.Function] | None = None
+) -> list[tuple[oracle.Surface, np.ndarray]]:
+    """Slave and master surface of an interface, for comparison with the oracle (serial).
+
+    Returns:
+        For each side the surface, and for each of its nodes the number of the body and the
+        (blocked) dof, shape (nodes, 2).
+    """
+    sides = []
+    for side in (interface.slave, interface.master):
+        x, facets, sign, nodes = [], [], [], []
+        for part, tag in side:
+            b = case.body[part]
+            body = case.bodies[b]
+            surface, dofs = oracle_surface(
+                body.V, body.facet_tags, tag, None if u is None else u[b]
+            )
+            start = sum(map(len, x))
+            x.append(surface.x)
+            facets += [(kind, numbers + start) for kind, numbers in surface.facets]
+            sign.append(surface.sign)
+            nodes.append(np.column_stack([np.full(len(dofs), b), dofs]))
+        merged = oracle.Surface(np.vstack(x), facets, np.concatenate(sign))
+        sides.append((merged, np.vstack(nodes)))
+    return sides
+
+
 # -- The cases ---------------------------------------------------------------------------------
 
 
@@ -617,7 +654,7 @@ def tied_patch_overhang(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False)
         "4C regression case meshtying3D_patch_lin_duallagr",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[Interface("tie", 0, 1, 1, 2)],
+        interfaces=[Interface("tie", [(0, 1)], [(1, 2)])],
         dirichlet=[
             Dirichlet(0, lambda x: near(-2)(x[2]), (2,)),
             Dirichlet(0, at(-5, -5, -2), (0, 1)),
@@ -672,18 +709,13 @@ def tied_hex27(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Case:
         "4C regression case meshtying3D_structure_quad_const",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[Interface("tie", 0, 1, 1, 2)],
+        interfaces=[Interface("tie", [(0, 1)], [(1, 2)])],
         dirichlet=[
             Dirichlet(0, lambda x: near(1.5)(x[2]), value=lambda t: (0.2 * t, 0.3 * t, -0.3 * t)),
             Dirichlet(1, lambda x: near(-0.5)(x[2])),
         ],
         expected=[Expected(0, (0.75, 1.25, 0.5), i, v, 1e-8) for i, v in enumerate(values)],
     )
-
-
-# Tags of the seven-interface patch: 10 i + 1 is the slave side of interface i, 10 i + 2 its master.
-# Interface 7 is split where the upper parts meet, because a slave surface has one master here.
-_SEVENTH = {(0, 3): 711, (0, 5): 712, (2, 1): 713, (2, 5): 714, (4, 3): 715, (4, 1): 716}
 
 
 def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
@@ -693,12 +725,12 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
     z = (x + y) / 3 and by vertical planes through the z axis: below along y = x (x < 0, interface
     1), y = -x (x < 0, interface 2) and y = 0 (x > 0, interface 3), above along y = 0 (x < 0,
     interface 4), y = x (x > 0, interface 5) and y = -x (x > 0, interface 6). Only the sloping
-    plane, interface 7, carries traction. The cuts, elements and pairs of facets are those of 4C;
-    the subdivisions are not, since the slave facets of interface 7 are aligned with the cuts above,
-    to split it into pairs of bodies.
+    plane, interface 7, carries traction; it has three parts on either side. Cuts, elements and
+    pairs of facets are those of 4C, subdivisions nearly.
 
-    Parts: 0 tet10, 2 hex8, 4 hex27 below; 1 tet4, 3 hex8, 5 hex20 above. The exact displacement is
-    u_z = (lambda - 1) (z + 4) with lambda^3 - lambda = 2 * 1000 / 22500.
+    Parts: 0 tet10, 2 hex8, 4 hex27 below; 1 tet4, 3 hex8, 5 hex20 above. Facet tags are 10 i + 1 on
+    the slave side of interface i and 10 i + 2 on the master side. The exact displacement is u_z =
+    (lambda - 1) (z + 4) with lambda^3 - lambda = 2 * 1000 / 22500.
     """
     c = 1.5
     material = st_venant_kirchhoff(22500, 0.0)
@@ -757,8 +789,7 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
                 [
                     (on_12[0], False, 12),
                     (on_12[1], False, 22),
-                    (lambda x, y, z: y < 0, True, _SEVENTH[0, 3]),
-                    (lambda x, y, z: y > 0, True, _SEVENTH[0, 5]),
+                    (always, True, 71),
                 ]
             ),
         ),
@@ -772,7 +803,7 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
                 [
                     (on_56[0], False, 52),
                     (on_56[1], False, 62),
-                    (always, True, 721),
+                    (always, True, 72),
                     (load, False, 900),
                 ]
             ),
@@ -780,15 +811,14 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
         part(
             "hex8 below",
             "hex8",
-            triangles_as_quads([(o, e, ne), (o, ne, nw)], 2),
+            mapped_grid([o, e, nw, ne], 3, 3),
             6,
             False,
             tag(
                 [
                     (on_12[1], False, 21),
                     (on_3, False, 32),
-                    (lambda x, y, z: y < x, True, _SEVENTH[2, 1]),
-                    (lambda x, y, z: y > x, True, _SEVENTH[2, 5]),
+                    (always, True, 71),
                 ]
             ),
         ),
@@ -802,7 +832,7 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
                 [
                     (on_4, False, 41),
                     (on_56[1], False, 61),
-                    (always, True, 723),
+                    (always, True, 72),
                     (load, False, 900),
                 ]
             ),
@@ -810,15 +840,14 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
         part(
             "hex27 below",
             "hex27",
-            triangles_as_quads([(o, sw, se), (o, se, e)], 1),
+            mapped_grid([o, sw, e, se], 3, 3),
             5,
             False,
             tag(
                 [
                     (on_12[0], False, 11),
                     (on_3, False, 31),
-                    (lambda x, y, z: x + y < 0, True, _SEVENTH[4, 3]),
-                    (lambda x, y, z: x + y > 0, True, _SEVENTH[4, 1]),
+                    (always, True, 71),
                 ]
             ),
         ),
@@ -832,20 +861,19 @@ def tied_patch_seven(comm: MPI.Comm = MPI.COMM_WORLD) -> Case:
                 [
                     (on_4, False, 42),
                     (on_56[0], False, 51),
-                    (always, True, 725),
+                    (always, True, 72),
                     (load, False, 900),
                 ]
             ),
         ),
     ]
     bodies, body = _bodies(comm, parts, False)
+    pairs = ((4, 0), (2, 0), (4, 2), (3, 5), (5, 1), (3, 1))
     interfaces = [
-        Interface("tie", slave, 10 * i + 1, master, 10 * i + 2)
-        for i, slave, master in ((1, 4, 0), (2, 2, 0), (3, 4, 2), (4, 3, 5), (5, 5, 1), (6, 3, 1))
-    ] + [
-        Interface("tie", slave, value, master, 720 + master)
-        for (slave, master), value in _SEVENTH.items()
+        Interface("tie", [(slave, 10 * i + 1)], [(master, 10 * i + 2)])
+        for i, (slave, master) in enumerate(pairs, start=1)
     ]
+    interfaces.append(Interface("tie", [(p, 71) for p in (0, 2, 4)], [(p, 72) for p in (1, 3, 5)]))
     stretch = 1.0417885347182534
 
     def exact(part, x):
@@ -897,7 +925,7 @@ def contact_patch(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Ca
         "4C regression case contact3D_patch_linstatic",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[Interface("contact", 0, 1, 1, 2)],
+        interfaces=[Interface("contact", [(0, 1)], [(1, 2)])],
         dirichlet=[
             Dirichlet(1, lambda x: near(-0.5)(x[2]), (2,)),
             Dirichlet(1, lambda x: near(-0.5)(x[2]) & near(0)(x[0]), (0,)),
@@ -955,7 +983,7 @@ def rotated_block(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Ca
         "4C regression case contact3D_lin_duallagr",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[Interface("contact", 0, 1, 1, 2, initially_active=False)],
+        interfaces=[Interface("contact", [(0, 1)], [(1, 2)], initially_active=False)],
         dirichlet=[
             Dirichlet(0, lambda x: near(high)(x[2]), value=motion),
             Dirichlet(1, edges),
@@ -996,7 +1024,7 @@ def sliding_block(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Ca
         "4C regression case contact3D_slidingblock_lagrange_hex20",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[Interface("contact", 0, 1, 1, 2, friction=0.8)],
+        interfaces=[Interface("contact", [(0, 1)], [(1, 2)], friction=0.8)],
         dirichlet=[
             Dirichlet(0, lambda x: near(0.52)(x[2]), value=motion),
             Dirichlet(1, lambda x: near(-1.5)(x[2])),

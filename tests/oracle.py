@@ -47,7 +47,7 @@ _SQUARE_EDGES = [(0, 1), (0, 2), (1, 3), (2, 3)]
 
 def _with_midpoints(vertices, edges, centre=False):
     v = np.array(vertices, dtype=float)
-    nodes = [v] + [np.array([(v[a] + v[b]) / 2 for a, b in edges])]
+    nodes = [v, np.array([(v[a] + v[b]) / 2 for a, b in edges])]
     if centre:
         nodes.append(v.mean(axis=0)[None])
     return np.vstack(nodes)
@@ -533,7 +533,7 @@ def _project_inside(kind, x, points, directions, tolerance):
     meet the continued polynomial of a curved facet elsewhere too."""
     result = np.full((len(points), 2), np.nan)
     centre = REFERENCE_NODES[kind][: num_corners(kind)].mean(axis=0)
-    for start in [centre] + [(centre + v) / 2 for v in REFERENCE_NODES[kind]]:
+    for start in [centre, *((centre + v) / 2 for v in REFERENCE_NODES[kind])]:
         todo = np.flatnonzero(np.isnan(result[:, 0]))
         if len(todo) == 0:
             break

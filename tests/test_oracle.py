@@ -8,8 +8,11 @@ import numpy as np
 import oracle
 import pytest
 
+# The oracle is serial: once is enough.
+pytestmark = pytest.mark.serial
+
 DUAL = ("dual", "dual-linear")
-SECOND_ORDER_CELLS = {
+BASIX_CELLS = {
     "tri3": "triangle",
     "tri6": "triangle",
     "quad4": "quadrilateral",
@@ -60,12 +63,12 @@ def test_shape_functions(kind):
         assert np.allclose(difference, dN[:, i], atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", SECOND_ORDER_CELLS)
+@pytest.mark.parametrize("kind", BASIX_CELLS)
 def test_node_order_is_that_of_basix(kind):
     basix = pytest.importorskip("basix")
     element = basix.create_element(
         basix.ElementFamily.P,
-        getattr(basix.CellType, SECOND_ORDER_CELLS[kind]),
+        getattr(basix.CellType, BASIX_CELLS[kind]),
         2 if kind in ("tri6", "quad9") else 1,
         basix.LagrangeVariant.gll_warped,
     )
@@ -385,7 +388,7 @@ def test_element_variant_takes_the_nearest_and_only_hits():
     far = oracle.patch("quad8", (1, 1), upper=(1.0, 0.5), height=1.0, outward=-1)
     joined = oracle.Surface(
         np.vstack([near.x, far.x]),
-        near.facets + [(k, n + len(near.x)) for k, n in far.facets],
+        [*near.facets, *((k, n + len(near.x)) for k, n in far.facets)],
         np.concatenate([near.sign, far.sign]),
     )
     rule = oracle.gauss_square(8)
