@@ -169,7 +169,8 @@ void wrap_coupling(nb::module_& m)
   m.def(
       "contact_residual",
       [](In<double> z, In<double> normal, In<double> gap,
-         std::optional<In<double>> motion, In<double> c_n, In<double> c_t,
+         std::optional<In<double>> motion, std::optional<In<double>> scale,
+         In<double> c_n, In<double> c_t,
          In<std::int8_t> carries, In<std::int8_t> fixed, double friction,
          std::optional<double> bound, std::optional<In<std::int8_t>> forced)
       {
@@ -181,7 +182,8 @@ void wrap_coupling(nb::module_& m)
         }
         ContactResidual r = contact_residual(
             {span(z), span(normal), span(gap),
-             motion ? span(*motion) : std::span<const double>(), span(c_n),
+             motion ? span(*motion) : std::span<const double>(),
+             scale ? span(*scale) : std::span<const double>(), span(c_n),
              span(c_t), span(carries), span(fixed)},
             {friction, bound}, states);
         const std::size_t n = r.status.size();
@@ -191,6 +193,7 @@ void wrap_coupling(nb::module_& m)
         nb::dict d;
         d["status"] = as_array(std::move(status), {n});
         d["value"] = as_array(std::move(r.value), {n, 3});
+        d["bound"] = as_array(std::move(r.bound), {n});
         d["dz"] = as_array(std::move(r.dz), {n, 3, 3});
         d["dn"] = as_array(std::move(r.dn), {n, 3, 3});
         d["dw"] = as_array(std::move(r.dw), {n, 3, 3});
@@ -198,6 +201,7 @@ void wrap_coupling(nb::module_& m)
         return d;
       },
       nb::arg("z"), nb::arg("normal"), nb::arg("gap"), nb::arg("motion").none(),
+      nb::arg("scale").none(),
       nb::arg("c_n"), nb::arg("c_t"), nb::arg("carries"), nb::arg("fixed"),
       nb::arg("friction"), nb::arg("bound").none(),
       nb::arg("forced").none() = nb::none(),

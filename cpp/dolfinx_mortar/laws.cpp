@@ -3,6 +3,7 @@
 
 #include "laws.h"
 #include <Eigen/Dense>
+#include <algorithm>
 
 using namespace dolfinx_mortar;
 
@@ -27,6 +28,7 @@ dolfinx_mortar::contact_residual(const ContactState& state,
   r.dn.resize(9 * num);
   r.dw.resize(9 * num);
   r.dg.resize(3 * num);
+  r.bound.resize(num, 0.0);
   for (std::size_t j = 0; j < num; ++j)
   {
     const Vec3 z = Eigen::Map<const Vec3>(state.z.data() + 3 * j);
@@ -78,12 +80,14 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     const Vec3 t = F * z_tau + ct * u;
     const double norm_t = t.norm();
     const double b = friction.bound ? *friction.bound
-                                    : friction.coefficient * p;
+                                    : friction.coefficient * std::max(p, 0.0);
+    const double sigma = state.scale[j];
+    r.bound[j] = std::max(b, norm_t);
     bool stick = norm_t < b;
     if (!forced.empty())
       stick = forced[j] == Status::stick;
     // Derivatives of the bound
-    const double db = friction.bound ? 0.0 : friction.coefficient;
+    const double db = friction.bound or p <= 0 ? 0.0 : friction.coefficient;
     // Traction vanishes by symmetry where the displacement is prescribed
     auto release_fixed = [&]()
     {
@@ -101,14 +105,14 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     };
     if (stick)
     {
-      // -c_t u b / max(b, ‖t‖), with the divisor kept constant
+      // b z_τ - b t = -b c_t u
       r.status[j] = Status::stick;
-      const double s = b > norm_t ? 1.0 / b : 0.0;
-      C -= ct * u;
-      Cz = -ct * s * db * u * n.transpose();
-      Cg += ct * s * db * state.c_n[j] * u;
-      Cn -= ct * du + ct * s * db * u * z.transpose();
-      Cw = ct * F * P;
+      const double s = ct / sigma;
+      C -= s * b * u;
+      Cz = -s * db * u * n.transpose();
+      Cg += s * db * state.c_n[j] * u;
+      Cn -= s * (b * du + db * u * z.transpose());
+      Cw = s * b * F * P;
       release_fixed();
       continue;
     }
@@ -122,15 +126,15 @@ dolfinx_mortar::contact_residual(const ContactState& state,
       Cn += dz_tau;
       continue;
     }
-    // (‖t‖ z_τ - b t) / ‖t‖ with the divisor kept constant
+    // ‖t‖ z_τ - b t
     const Vec3 e = t / norm_t;
-    const Mat3 A = z_tau * e.transpose() / norm_t
-                   - (b / norm_t) * Mat3::Identity(); // by t
-    const Mat3 At = A * F + Mat3::Identity();         // by z_τ
-    C += z_tau - b * e;
-    Cz = At * P - db * e * n.transpose();
-    Cg += db * state.c_n[j] * e;
-    Cn += At * dz_tau + ct * A * du - db * e * z.transpose();
+    const Mat3 A = (z_tau * e.transpose() - b * Mat3::Identity()) / sigma;
+    const Mat3 At = A * F + (norm_t / sigma) * Mat3::Identity(); // by z_τ
+    const double s = db / sigma;
+    C += (norm_t * z_tau - b * t) / sigma;
+    Cz = At * P - s * t * n.transpose();
+    Cg += s * state.c_n[j] * t;
+    Cn += At * dz_tau + ct * A * du - s * t * z.transpose();
     Cw = -ct * A * F * P;
     release_fixed();
   }

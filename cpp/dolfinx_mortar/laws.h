@@ -45,6 +45,10 @@ struct ContactState
   /// friction.
   std::span<const double> motion;
 
+  /// Scale σ of the tangential equation (traction), shape (n); may be empty
+  /// without friction
+  std::span<const double> scale;
+
   /// Complementarity parameters, traction per weighted gap, shape (n)
   std::span<const double> c_n, c_t;
 
@@ -63,6 +67,9 @@ struct ContactResidual
   /// Residual C = n C_n + C_τ, shape (n, 3)
   std::vector<double> value;
 
+  /// max(b, ‖t‖) of nodes in frictional contact, else zero, shape (n)
+  std::vector<double> bound;
+
   /// ∂C/∂z, ∂C/∂n, ∂C/∂w, shapes (n, 3, 3), and ∂C/∂g̃, shape (n, 3)
   std::vector<double> dz, dn, dw, dg;
 };
@@ -73,12 +80,15 @@ struct ContactResidual
 /// With p = z_n - c_n g̃ and the trial traction t = z_τ + c_t ũ_τ
 ///
 ///     open   (p ≤ 0):      C = z
-///     slip   (‖t‖ ≥ b):    C = n c_n g̃ + z_τ - b t / ‖t‖
-///     stick  (‖t‖ < b):    C = n c_n g̃ - c_t ũ_τ
+///     closed:              C = n c_n g̃ + C_τ
+///     no friction:         C_τ = z_τ
+///     slip   (‖t‖ ≥ b):    C_τ = (‖t‖ z_τ - b t) / σ
+///     stick  (‖t‖ < b):    C_τ = (b z_τ - b t) / σ
 ///
-/// where b = μ p (Coulomb), the given bound (Tresca) or zero (no friction). The
-/// tangential parts are max(b, ‖t‖) z_τ - b t of the complementarity function,
-/// divided by max(b, ‖t‖) = const, which leaves Newton's steps as they are.
+/// where b = μ p (Coulomb) or the given bound (Tresca): C_τ is (max(b, ‖t‖) z_τ
+/// - b t) / σ. The constant σ sets the scale of the equation and nothing else:
+/// max(b, ‖t‖) of the last iterate makes it a traction. (With the divisor
+/// max(b, ‖t‖) differentiated as well Newton's method often diverges.)
 ///
 /// @param[in] state Nodal values.
 /// @param[in] friction Tangential behaviour.

@@ -90,6 +90,8 @@ class Contact(Interface):
         default = stiffness / area**2
         self._c_n = default if self._c[0] is None else self._c[0] / area
         self._c_t = default if self._c[1] is None else self._c[1] / area
+        # A traction, until the first iterate gives a better one
+        self._scale = self._c_t * area**1.5
 
     def _evaluate_geometry(self, u_all, B, B_tilde) -> None:
         """Integrate in the configuration of ``u_all`` (None: reference) and add to B."""
@@ -105,6 +107,7 @@ class Contact(Interface):
             np.ascontiguousarray(self._configuration.normals[:n]),
             np.ascontiguousarray(gap),
             None if motion is None else np.ascontiguousarray(motion),
+            self._scale if self.is_frictional else None,
             self._c_n,
             self._c_t,
             np.ascontiguousarray(self._data.carries[:n]),
@@ -113,6 +116,11 @@ class Contact(Interface):
             self.tresca,
             forced,
         )
+
+    def _rescale(self) -> None:
+        """Let the tangential equations of nodes in contact be of the size of tractions."""
+        bound = self._law["bound"]
+        self._scale = np.where(bound > 0, bound, self._scale)
 
     @property
     def _status(self) -> npt.NDArray[np.int8]:

@@ -390,8 +390,28 @@ class Coupling:
             elif c.is_frictional:
                 c._motion = c._nodal["offset"][:n] - old[rows].reshape(-1, 3)
             state = None if forced is None else forced.get(id(c))
-            c._evaluate_law(z[rows].reshape(-1, 3), gap, c._motion, state)
+            c._law_arguments = z[rows].reshape(-1, 3).copy(), gap, c._motion, state
+            c._evaluate_law(*c._law_arguments)
             f_z[rows] = c._law["value"].ravel()
+
+    def rescale(self, f_z: npt.NDArray) -> npt.NDArray[np.float64]:
+        """Scale the friction equations by tractions of the last :meth:`evaluate`.
+
+        Newton's steps do not depend on this scale, the linear solver's accuracy does.
+
+        Args:
+            f_z: Residual of the constraints.
+
+        Returns:
+            The same with the new scale.
+        """
+        f_z = f_z.copy()
+        for c in self.contacts:
+            if c.is_frictional:
+                c._rescale()
+                c._evaluate_law(*c._law_arguments)
+                f_z[self.slice(c)] = c._law["value"].ravel()
+        return f_z
 
     # -- Linearisation ------------------------------------------------------------
 

@@ -249,6 +249,8 @@ class ContactProblem:
     def _snes_jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         self._evaluate(x.array_r)
         self._release_system()
+        f = self._cached[1]
+        f[self._n_u :] = self._coupling.rescale(f[self._n_u :])
         K = self._assemble_tangent()
         self._system = self._coupling.linearise(K, self._z)
 
@@ -279,6 +281,7 @@ class ContactProblem:
             self._cached = None
             y.scale(0.5)
             self._iteration_step *= 0.5
+        raise ConvergenceError("No admissible step")
 
     def _measures(self) -> dict:
         """Norms that decide on convergence. Collective."""
@@ -515,6 +518,8 @@ class _NewtonSolver:
 
     def apply(self, pc, x, y):
         p = self._problem
-        du, dz = p._solver.solve(p._system, x.array_r[: p._n_u].copy(), x.array_r[p._n_u :].copy())
+        # The residual in the scale of the system, see Coupling.rescale
+        r_z = p._cached[1][p._n_u :].copy()
+        du, dz = p._solver.solve(p._system, x.array_r[: p._n_u].copy(), r_z)
         y.array[: p._n_u] = du
         y.array[p._n_u :] = dz
