@@ -105,14 +105,17 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     };
     if (stick)
     {
-      // b z_τ - b t = -b c_t u
+      // b z_τ - b t = -b c_t u; without the factor where a node is told to stick
+      // before it touches (b = 0), or it would have no equation
       r.status[j] = Status::stick;
-      const double s = ct / sigma;
-      C -= s * b * u;
-      Cz = -s * db * u * n.transpose();
-      Cg += s * db * state.c_n[j] * u;
-      Cn -= s * (b * du + db * u * z.transpose());
-      Cw = s * b * F * P;
+      const double s = b > 0 ? ct / sigma : ct;
+      const double factor = b > 0 ? b : 1.0;
+      const double dfactor = b > 0 ? db : 0.0;
+      C -= s * factor * u;
+      Cz = -s * dfactor * u * n.transpose();
+      Cg += s * dfactor * state.c_n[j] * u;
+      Cn -= s * (factor * du + dfactor * u * z.transpose());
+      Cw = s * factor * F * P;
       release_fixed();
       continue;
     }
