@@ -95,6 +95,11 @@ class Coupling:
             uses[i._surface_slave.local_blocks[: i.num_owned]] += 1
             m = i._surface_master
             masters[m.local_blocks[: m.num_owned]] = True
+        chained = any(
+            np.any(masters[i._surface_slave.local_blocks[: i.num_owned]]) for i in self.interfaces
+        )
+        #: True where a node is slave here and master there
+        self._chained = self.comm.allreduce(chained, op=MPI.LOR)
         flags = np.concatenate(prescribed).reshape(-1, 3)
         for i in self.interfaces:
             s = i._surface_slave
@@ -160,30 +165,37 @@ class Coupling:
             return B, B
         return B, self.create_matrix(self.size_z, self.layout.size_u)
 
+    def _assemble_B(self, interfaces: Sequence[Interface]) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """Integrate interfaces in their configurations: B and B̃ = B T. Collective."""
+        B, B_tilde = self._new_B()
+        # Masters of one interface may be slave nodes of another
+        chained = self._chained and B_tilde is not B
+        M = self.create_matrix(self.size_z, self.layout.size_u) if chained else None
+        for i in interfaces:
+            # One matrix serves as both where there is no basis transformation
+            i._nodal = cpp.integrate(
+                i._data, i._configuration, B=B, B_tilde=None if B_tilde is B else B_tilde, M=M
+            )
+        for A in {id(A): A for A in (B, B_tilde)}.values():
+            A.assemble()
+        if M is not None:
+            M.assemble()
+            B_tilde.axpy(1.0, M)
+            B_tilde.axpy(-1.0, M.matMult(self._T))
+            M.destroy()
+        return B, B_tilde
+
     def _integrate_ties(self) -> None:
         self._B_ties = None
         if not self.ties:
             return
-        configurations = []
         for tie in self.ties:
-            configuration = cpp.configure(tie._data, *tie._positions(None))
-            nodal = cpp.integrate(tie._data, configuration)
+            tie._configuration = cpp.configure(tie._data, *tie._positions(None))
+            nodal = cpp.integrate(tie._data, tie._configuration)
             tie._check_orphans(nodal)
             self._check_met(tie, nodal)
             tie._drop_uncovered(nodal)
-            configurations.append(configuration)
-        B, B_tilde = self._new_B()
-        for tie, configuration in zip(self.ties, configurations):
-            tie._nodal = self._integrate(tie, configuration, B, B_tilde)
-        for A in {id(B): B, id(B_tilde): B_tilde}.values():
-            A.assemble()
-        self._B_ties = B, B_tilde
-
-    def _integrate(self, interface, configuration, B, B_tilde) -> dict:
-        # One matrix serves as both where there is no basis transformation
-        return cpp.integrate(
-            interface._data, configuration, B=B, B_tilde=None if B_tilde is B else B_tilde
-        )
+        self._B_ties = self._assemble_B(self.ties)
 
     def _check_met(self, interface: Interface, nodal: dict) -> None:
         if self.comm.allreduce(int(nodal["num_covered"])) == 0:
@@ -240,14 +252,10 @@ class Coupling:
             self._u_old = u.copy()
 
     def _assemble_contacts(self, u_all: npt.NDArray) -> tuple[PETSc.Mat, PETSc.Mat]:
-        B, B_tilde = self._new_B()
         for c in self.contacts:
             x = None if c.geometry == "reference" else u_all
             c._configuration = cpp.configure(c._data, *c._positions(x))
-            c._nodal = self._integrate(c, c._configuration, B, B_tilde)
-        for A in {id(B): B, id(B_tilde): B_tilde}.values():
-            A.assemble()
-        return B, B_tilde
+        return self._assemble_B(self.contacts)
 
     def state(self):
         """What :meth:`restore` brings back."""
