@@ -405,18 +405,24 @@ def facet_area(surface: Surface, f: int, points: int = 12) -> float:
     return float(w @ np.linalg.norm(np.cross(a[:, 0], a[:, 1]), axis=1))
 
 
-def segment_points(slave: Surface, master: Surface, points: int = 12) -> list[FacetPoints]:
+Rule = tuple[np.ndarray, np.ndarray]
+
+
+def segment_points(
+    slave: Surface, master: Surface, points: int = 12, rule: Rule | None = None
+) -> list[FacetPoints]:
     """Integration points of the segment variant, defined at the head of this file.
 
     Args:
         slave: Slave surface.
         master: Master surface.
         points: Gauss points per direction on each triangle of a clipped polygon.
+        rule: Another rule on the reference triangle, points and weights, instead.
 
     Returns:
         One entry per slave facet.
     """
-    rule, rule_weights = gauss_triangle(points)
+    rule, rule_weights = rule or gauss_triangle(points)
     master_subs = []
     for f in range(len(master.facets)):
         kind, _, x, sign = master.facet(f)
@@ -482,7 +488,7 @@ def _rule_on_overlap(pieces, m_pieces, rule, rule_weights):
 def element_points(
     slave: Surface,
     master: Surface,
-    rules: dict[str, tuple[np.ndarray, np.ndarray]],
+    rules: dict[str, Rule],
     tolerance: float = 1e-10,
 ) -> list[FacetPoints]:
     """Integration points of the element variant.
@@ -628,6 +634,7 @@ def mortar(
     facet_points: list[FacetPoints] | None = None,
     normals: np.ndarray | None = None,
     sliver: float = 1e-10,
+    whole_facet_rules: dict[str, Rule] | None = None,
 ) -> Mortar:
     """All mortar integrals of one interface.
 
@@ -642,6 +649,10 @@ def mortar(
         facet_points: Other integration points, for instance from `element_points`.
         normals: Other nodal normals, shape (nodes, 3), instead of the averaged ones.
         sliver: Facets with a smaller covered part, relative to their area, count as uncovered.
+        whole_facet_rules: For each slave kind a rule on the reference facet. With it, dual
+            coefficients come from the whole facet, covered or not, and D~ is made diagonal by
+            putting the row sums of M there, as 4C does for second order. With rules that are not
+            exact, the functions are then biorthogonal only nearly.
 
     Returns:
         D, M, gap and what belongs to them.
@@ -677,7 +688,12 @@ def mortar(
         w, xi = quadrature.weight, quadrature.xi
         N = shape_functions(kind, xi)[0]
         primal = _primal_functions(kind, multiplier, xi)
-        A = np.eye(len(local)) if multiplier == "standard" else dual_coefficients(primal, w)
+        if multiplier == "standard":
+            A = np.eye(len(local))
+        elif whole_facet_rules is None:
+            A = dual_coefficients(primal, w)
+        else:
+            A = _whole_facet_coefficients(kind, x, multiplier, whole_facet_rules[kind])
         coefficients.append(A)
         phi = primal @ A.T
         phi = phi @ _sharing(drop[nodes[local]], f)
@@ -699,6 +715,9 @@ def mortar(
         weight[rows] += w @ phi
         gap[rows] -= (w * np.einsum("pi,pi->p", normal, difference)) @ phi
         relative[rows] += phi.T @ (w[:, None] * difference)
+    if whole_facet_rules is not None:
+        D_tilde = np.diag(M.sum(axis=1))
+        D = D_tilde @ T_inverse
     return Mortar(
         D=D,
         D_tilde=D_tilde,
@@ -713,6 +732,13 @@ def mortar(
         area=area,
         slivers=slivers,
     )
+
+
+def _whole_facet_coefficients(kind, x, multiplier, rule):
+    xi, w = rule
+    _, a = evaluate(kind, x, xi)
+    weight = w * np.linalg.norm(np.cross(a[:, 0], a[:, 1]), axis=1)
+    return dual_coefficients(_primal_functions(kind, multiplier, xi), weight)
 
 
 def _sharing(drop: np.ndarray, f: int) -> np.ndarray:

@@ -342,6 +342,23 @@ def test_dropped_nodes_hand_their_functions_on(multiplier):
         assert np.allclose(off_diagonal, np.diag(np.diag(off_diagonal)), atol=1e-13)
 
 
+def test_coefficients_from_the_whole_facet():
+    """With exact rules on a covered plane facet they are the same; elsewhere sums still agree."""
+    rng = np.random.default_rng(4)
+    slave = oracle.patch("quad8", (2, 2), shuffle=True, rng=rng)
+    cover = {"height": 0.1, "outward": -1, "shuffle": True, "rng": rng}
+    rules = {"quad8": oracle.gauss_square(3)}
+    whole = oracle.patch("tri6", (3, 3), lower=(-1, -1), upper=(2, 2), **cover)
+    a = oracle.mortar(slave, whole, points=5)
+    b = oracle.mortar(slave, whole, points=5, whole_facet_rules=rules)
+    assert np.allclose(a.D, b.D, atol=1e-13)
+    assert np.allclose(a.M, b.M, atol=1e-13)
+    part = oracle.patch("tri6", (3, 3), lower=(-1, -1), upper=(0.6, 2), **cover)
+    c = oracle.mortar(slave, part, points=5, whole_facet_rules=rules)
+    assert not np.allclose(c.D, oracle.mortar(slave, part, points=5).D, atol=1e-3)
+    assert np.allclose(c.D.sum(axis=1), c.M.sum(axis=1), atol=1e-14)
+
+
 def test_a_facet_without_multiplier_nodes_is_an_error():
     slave, master = curved_pair("quad4", "quad4")
     with pytest.raises(ValueError, match="no node left"):
