@@ -1001,7 +1001,7 @@ def sliding_block(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Ca
 
     4C integrates with 7 points per triangle, too few for these functions, and takes its dual
     functions from the whole facet: `oracle.mortar` with a rule of degree 5 and `whole_facet_rules`
-    of 3 x 3 points gives its displacements to 3e-8. Exact integration differs from them by 1.7e-6.
+    of 3 x 3 points gives its displacements to 5e-8. Exact integration differs from them by 1.7e-6.
     """
     cube = Part(
         "cube",
