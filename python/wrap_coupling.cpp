@@ -159,6 +159,19 @@ void wrap_coupling(nb::module_& m)
       "Insert T or its inverse. Collective.");
 
   m.def(
+      "combine_rows",
+      [](Mat K, Mat Delta, In<std::int8_t> sources)
+      {
+        std::vector<RowSource> rows;
+        for (std::int8_t s : span(sources))
+          rows.push_back(static_cast<RowSource>(s));
+        return combine_rows(K, Delta, rows);
+      },
+      nb::rv_policy::take_ownership, nb::arg("K"), nb::arg("Delta"),
+      nb::arg("sources"),
+      "K + Delta (0), Delta (1) or a unit row (2) for each local row.");
+
+  m.def(
       "create_matrix",
       [](const Surface& surface, std::int64_t rows, std::int64_t columns)
       { return create_matrix(surface.comm, rows, columns); },

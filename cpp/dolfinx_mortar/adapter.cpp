@@ -165,9 +165,9 @@ reference_facets(const basix::FiniteElement<double>& e)
       default:
         throw std::runtime_error(
             "Facets with " + std::to_string(closure.size())
-            + " nodes are not supported (an element of degree "
+            + " node(s) are not supported (element of degree "
             + std::to_string(e.degree())
-            + "?): use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
+            + "): use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
       }
     };
     facet.type = type();

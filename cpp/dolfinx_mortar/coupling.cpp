@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "coupling.h"
+#include "block_accumulator.h"
 #include "error.h"
 #include "integrals.h"
 #include <algorithm>
@@ -26,18 +27,6 @@ void gather(std::span<const std::int32_t> nodes, std::span<const T> values,
   out.resize(nodes.size() * bs);
   for (std::size_t i = 0; i < nodes.size(); ++i)
     std::copy_n(values.begin() + bs * nodes[i], bs, out.begin() + bs * i);
-}
-
-/// Numbers of dofs of blocks.
-template <typename V>
-void unroll(const V& blocks, std::vector<PetscInt>& dofs)
-{
-  dofs.clear();
-  for (auto b : blocks)
-  {
-    for (int c = 0; c < 3; ++c)
-      dofs.push_back(3 * b + c);
-  }
 }
 
 /// Calls `use(facet, nodes, integrals)` for every covered slave facet.
@@ -90,34 +79,6 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
   }
   throw_on_all(s.comm, message);
 }
-
-/// Insert a dense matrix of nodal values as its product with the 3x3 identity.
-class BlockInserter
-{
-public:
-  void add(Mat A, std::span<const std::int64_t> rows,
-           std::span<const std::int64_t> columns, const RowMatrix& values,
-           double factor)
-  {
-    _values = factor * values;
-    for (int c = 0; c < 3; ++c)
-    {
-      _rows.clear();
-      _columns.clear();
-      for (auto r : rows)
-        _rows.push_back(r < 0 ? -1 : 3 * r + c);
-      for (auto k : columns)
-        _columns.push_back(3 * k + c);
-      check(MatSetValues(A, _rows.size(), _rows.data(), _columns.size(),
-                         _columns.data(), _values.data(), ADD_VALUES),
-            "MatSetValues");
-    }
-  }
-
-private:
-  RowMatrix _values;
-  std::vector<PetscInt> _rows, _columns;
-};
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -144,7 +105,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   // Columns of nodal values: coverage, diagonal, weight, gap, offset
   std::vector<double> nodal(7 * num, 0.0);
   NodalIntegrals out;
-  BlockInserter inserter;
+  BlockAccumulator<1, 1> D, M, B, B_tilde;
   std::vector<std::int64_t> rows, columns;
   for_each_facet(
       interface, configuration, z, {}, Derivatives::none,
@@ -189,18 +150,24 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
           columns.push_back(s.blocks[nodes[k]]);
         }
         if (matrices.D)
-          inserter.add(matrices.D, rows, columns, r.D, 1);
-        if (matrices.B)
-          inserter.add(matrices.B, rows, columns, r.D, 1);
-        if (matrices.B_tilde)
-          inserter.add(matrices.B_tilde, rows, columns, r.D_tilde, 1);
+          D.add(rows, columns, r.D.data());
         if (matrices.M)
-          inserter.add(matrices.M, rows, r.master_blocks, r.M, 1);
+          M.add(rows, r.master_blocks, r.M.data());
         if (matrices.B)
-          inserter.add(matrices.B, rows, r.master_blocks, r.M, -1);
+        {
+          B.add(rows, columns, r.D.data());
+          B.add(rows, r.master_blocks, r.M.data(), -1);
+        }
         if (matrices.B_tilde)
-          inserter.add(matrices.B_tilde, rows, r.master_blocks, r.M, -1);
+        {
+          B_tilde.add(rows, columns, r.D_tilde.data());
+          B_tilde.add(rows, r.master_blocks, r.M.data(), -1);
+        }
       });
+  D.flush(matrices.D);
+  M.flush(matrices.M);
+  B.flush(matrices.B);
+  B_tilde.flush(matrices.B_tilde);
 
   scatter_reverse_add(s, std::span<double>(nodal), 7);
   scatter_forward(s, std::span<double>(nodal), 7);
@@ -223,10 +190,11 @@ void dolfinx_mortar::integrate_derivatives(const Interface& interface,
                                            const DerivativeMatrices& matrices)
 {
   const Surface& s = interface.slave;
-  std::vector<std::int64_t> blocks, multipliers;
-  std::vector<PetscInt> rows, columns, dofs, normals;
+  std::vector<std::int64_t> blocks, multipliers, rows;
   const Derivatives derivatives
       = matrices.offset ? Derivatives::gap_and_slip : Derivatives::gap;
+  BlockAccumulator<3, 3> force, offset;
+  BlockAccumulator<1, 3> gap, gap_normal;
   for_each_facet(
       interface, configuration, z, active, derivatives,
       [&](std::int32_t, std::span<const std::int32_t> nodes,
@@ -237,49 +205,29 @@ void dolfinx_mortar::integrate_derivatives(const Interface& interface,
         blocks.clear();
         multipliers.clear();
         rows.clear();
-        dofs.clear();
         for (auto k : nodes)
         {
           blocks.push_back(s.blocks[k]);
           multipliers.push_back(interface.multipliers[k]);
-          const bool used = interface.carries[k] and active[k];
-          rows.push_back(used ? interface.multipliers[k] : -1);
-          for (int c = 0; c < 3; ++c)
-            dofs.push_back(used ? 3 * interface.multipliers[k] + c : -1);
+          rows.push_back(interface.carries[k] and active[k]
+                             ? interface.multipliers[k]
+                             : -1);
         }
         blocks.insert(blocks.end(), r.master_blocks.begin(),
                       r.master_blocks.end());
-        unroll(blocks, columns);
-        unroll(multipliers, normals);
         if (matrices.force)
-        {
-          check(MatSetValues(matrices.force, columns.size(), columns.data(),
-                             columns.size(), columns.data(), r.d_force.data(),
-                             ADD_VALUES),
-                "MatSetValues");
-        }
+          force.add(blocks, blocks, r.d_force.data());
         if (matrices.gap)
-        {
-          check(MatSetValues(matrices.gap, rows.size(), rows.data(),
-                             columns.size(), columns.data(), r.d_gap.data(),
-                             ADD_VALUES),
-                "MatSetValues");
-        }
+          gap.add(rows, blocks, r.d_gap.data());
         if (matrices.gap_normal)
-        {
-          check(MatSetValues(matrices.gap_normal, rows.size(), rows.data(),
-                             normals.size(), normals.data(),
-                             r.d_gap_normal.data(), ADD_VALUES),
-                "MatSetValues");
-        }
+          gap_normal.add(rows, multipliers, r.d_gap_normal.data());
         if (matrices.offset)
-        {
-          check(MatSetValues(matrices.offset, dofs.size(), dofs.data(),
-                             columns.size(), columns.data(),
-                             r.d_offset.data(), ADD_VALUES),
-                "MatSetValues");
-        }
+          offset.add(rows, blocks, r.d_offset.data());
       });
+  force.flush(matrices.force);
+  gap.flush(matrices.gap);
+  gap_normal.flush(matrices.gap_normal);
+  offset.flush(matrices.offset);
 }
 //-----------------------------------------------------------------------------
 void dolfinx_mortar::differentiate_normals(const Interface& interface,
@@ -288,7 +236,8 @@ void dolfinx_mortar::differentiate_normals(const Interface& interface,
 {
   const Surface& s = interface.slave;
   std::vector<double> dn;
-  std::vector<PetscInt> rows, columns;
+  std::vector<std::int64_t> rows, columns;
+  BlockAccumulator<3, 3> blocks;
   for (std::int32_t f = 0; f < static_cast<std::int32_t>(s.types.size()); ++f)
   {
     auto nodes = facet_nodes(s, f);
@@ -299,16 +248,12 @@ void dolfinx_mortar::differentiate_normals(const Interface& interface,
     columns.clear();
     for (auto k : nodes)
     {
-      for (int c = 0; c < 3; ++c)
-      {
-        rows.push_back(3 * interface.multipliers[k] + c);
-        columns.push_back(3 * s.blocks[k] + c);
-      }
+      rows.push_back(interface.multipliers[k]);
+      columns.push_back(s.blocks[k]);
     }
-    check(MatSetValues(A, rows.size(), rows.data(), columns.size(),
-                       columns.data(), dn.data(), ADD_VALUES),
-          "MatSetValues");
+    blocks.add(rows, columns, dn.data());
   }
+  blocks.flush(A);
 }
 //-----------------------------------------------------------------------------
 void dolfinx_mortar::insert_transformation(const Interface& interface,
@@ -412,4 +357,72 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
   scatter_reverse_add(s, std::span<double>(weights), 1);
   scatter_forward(s, std::span<double>(weights), 1);
   return weights;
+}
+//-----------------------------------------------------------------------------
+Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,
+                                 std::span<const RowSource> sources)
+{
+  PetscInt begin, end, num_rows, num_columns;
+  check(MatGetOwnershipRange(K, &begin, &end), "MatGetOwnershipRange");
+  check(MatGetLocalSize(K, &num_rows, &num_columns), "MatGetLocalSize");
+  if (static_cast<PetscInt>(sources.size()) != num_rows)
+    throw std::invalid_argument("Each local row needs a source.");
+
+  std::vector<PetscInt> offsets = {0}, columns;
+  std::vector<PetscScalar> values;
+  MatInfo info;
+  check(MatGetInfo(K, MAT_LOCAL, &info), "MatGetInfo");
+  columns.reserve(static_cast<std::size_t>(1.1 * info.nz_used));
+  values.reserve(columns.capacity());
+  for (PetscInt row = begin; row < end; ++row)
+  {
+    const RowSource source = sources[row - begin];
+    if (source == RowSource::unit)
+    {
+      columns.push_back(row);
+      values.push_back(1);
+      offsets.push_back(columns.size());
+      continue;
+    }
+    PetscInt nk = 0, nd = 0;
+    const PetscInt *ck = nullptr, *cd = nullptr;
+    const PetscScalar *vk = nullptr, *vd = nullptr;
+    if (source == RowSource::both)
+      check(MatGetRow(K, row, &nk, &ck, &vk), "MatGetRow");
+    check(MatGetRow(Delta, row, &nd, &cd, &vd), "MatGetRow");
+    PetscInt i = 0, j = 0;
+    while (i < nk or j < nd)
+    {
+      const bool from_k = j == nd or (i < nk and ck[i] <= cd[j]);
+      const bool from_d = i == nk or (j < nd and cd[j] <= ck[i]);
+      PetscScalar v = 0;
+      columns.push_back(from_k ? ck[i] : cd[j]);
+      if (from_k)
+        v += vk[i++];
+      if (from_d)
+        v += vd[j++];
+      values.push_back(v);
+    }
+    if (source == RowSource::both)
+      check(MatRestoreRow(K, row, &nk, &ck, &vk), "MatRestoreRow");
+    check(MatRestoreRow(Delta, row, &nd, &cd, &vd), "MatRestoreRow");
+    offsets.push_back(columns.size());
+  }
+
+  MPI_Comm comm;
+  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(K), &comm),
+        "PetscObjectGetComm");
+  Mat A;
+  check(MatCreate(comm, &A), "MatCreate");
+  check(MatSetSizes(A, num_rows, num_columns, PETSC_DETERMINE,
+                    PETSC_DETERMINE),
+        "MatSetSizes");
+  check(MatSetType(A, MATAIJ), "MatSetType");
+  check(MatSeqAIJSetPreallocationCSR(A, offsets.data(), columns.data(),
+                                     values.data()),
+        "MatSeqAIJSetPreallocationCSR");
+  check(MatMPIAIJSetPreallocationCSR(A, offsets.data(), columns.data(),
+                                     values.data()),
+        "MatMPIAIJSetPreallocationCSR");
+  return A;
 }

@@ -172,6 +172,20 @@ void add_blocks(Mat A, std::int64_t first_row, std::int64_t first_column,
                 std::int64_t n, int rows, int columns,
                 std::span<const double> blocks);
 
+/// @brief Where a row of combine_rows comes from.
+enum class RowSource : std::int8_t
+{
+  both = 0,  ///< K + Δ
+  delta = 1, ///< Δ alone
+  unit = 2   ///< one on the diagonal
+};
+
+/// @brief Sum of two matrices, row by row: K with few rows changed. Collective.
+/// @param[in] K,Delta Square AIJ matrices of the same layout.
+/// @param[in] sources Source of each local row.
+/// @return New matrix; the caller destroys it.
+Mat combine_rows(Mat K, Mat Delta, std::span<const RowSource> sources);
+
 /// @brief Create an empty parallel AIJ matrix, to be filled with any pattern.
 /// @return Matrix; the caller destroys it.
 Mat create_matrix(MPI_Comm comm, std::int64_t local_rows,

@@ -20,10 +20,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+
+from . import cpp
 
 
 @dataclass
@@ -31,10 +34,11 @@ class NewtonSystem:
     """Blocks of the linearised system, rows of Dirichlet dofs not yet treated.
 
     Attributes:
-        K: Tangent with the derivative of the contact forces, n_u by n_u.
+        K: Tangent of the bodies, n_u by n_u.
+        K_c: Derivative of the contact forces, n_u by n_u, or None.
         B: Mortar matrix [D, -M], n_z by n_u.
         B_tilde: The same with slave columns in the transformed basis.
-        T: Basis transformation, n_u by n_u, or None where it is the identity.
+        T: Basis transformation minus the identity, n_u by n_u, or None where that vanishes.
         C_u: Derivative of the constraints by displacements, n_z by n_u; rows outside ``active``
             are empty.
         C_z: Derivative of the constraints by multipliers, n_z by n_z.
@@ -46,6 +50,7 @@ class NewtonSystem:
     """
 
     K: PETSc.Mat
+    K_c: PETSc.Mat | None
     B: PETSc.Mat
     B_tilde: PETSc.Mat
     T: PETSc.Mat | None
@@ -117,7 +122,11 @@ class LinearSolver:
     def _saddle(self, s, r_u, r_z):
         n_u, n_z = s.K.getLocalSize()[0], s.C_z.getLocalSize()[0]
         Bt = s.B.transpose(PETSc.Mat())
-        nest = PETSc.Mat().createNest([[s.K, Bt], [s.C_u, s.C_z]], comm=self.comm)
+        K = s.K.copy()
+        if s.K_c is not None:
+            K.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+            K.axpy(1.0, s.K_c)
+        nest = PETSc.Mat().createNest([[K, Bt], [s.C_u, s.C_z]], comm=self.comm)
         A = nest.convert("aij", PETSc.Mat())
         b = A.createVecLeft()
         b.array[:n_u] = r_u
@@ -127,7 +136,7 @@ class LinearSolver:
         A.zeroRowsColumns((first + s.fixed).astype(PETSc.IntType), diag=1.0, x=b, b=b)
         x = self._run(A, b)
         du, dz = x.array[:n_u].copy(), x.array[n_u : n_u + n_z].copy()
-        for obj in (Bt, nest, A, b, x):
+        for obj in (Bt, K, nest, A, b, x):
             obj.destroy()
         return du, dz
 
@@ -141,75 +150,111 @@ class LinearSolver:
         is_active[s.active] = True
 
         # Multipliers that are not active: C_z is the identity
-        dz_rest = np.where(is_active, 0.0, r_z)
-        v = _vector(s.B, dz_rest, "left")
-        w = s.B.createVecRight()
-        s.B.multTranspose(v, w)
-        r_1 = r_u - w.array * free
-        r_test = r_1 * free
+        dz = np.where(is_active, 0.0, r_z)
+        dz_vec = _vector(s.C_z, dz, "right")
+        r_test = _vector(s.K, r_u, "left")
+        if self._any(dz):
+            w = s.B.createVecRight()
+            s.B.multTranspose(dz_vec, w)
+            r_test.axpy(-1.0, w)
+        # Reactions at Dirichlet dofs are not known
+        r_test.array[:] *= free
 
-        # E puts active multipliers on their nodes, Y = (B̃_Rᵀ + E C_z) D̃⁻¹
-        E = _selection(self.comm, n_u, n_z, *_sorted(s.own, s.active))
-        inverse = np.zeros(n_z)
-        inverse[s.active] = 1.0 / s.diagonal
-        Et = E.transpose(PETSc.Mat())
-        Y = s.B_tilde.transpose(PETSc.Mat())
-        inverse_vec = _vector(s.C_z, inverse, "right")
-        Y.diagonalScale(R=inverse_vec)
-        Y.axpy(-1.0, E)
-        EC = E.matMult(s.C_z)
-        EC.diagonalScale(R=inverse_vec)
-        Y.axpy(1.0, EC)
+        N, E = self._row_operator(s, free)
+        A = self._condensed_matrix(s, N, E)
 
-        # L = (I - E Eᵀ - Y Eᵀ) Tᵀ, with the unknown reactions at Dirichlet dofs left out
-        L = Y.matMult(Et)
-        L.scale(-1.0)
-        diagonal = np.ones(n_u)
-        diagonal[s.own] = 0.0
-        keep = np.flatnonzero(diagonal).astype(np.int32)
-        identity = _selection(self.comm, n_u, n_u, keep, keep)
-        L.axpy(1.0, identity)
-        if s.T is not None:
-            Tt = s.T.transpose(PETSc.Mat())
-            L_new = L.matMult(Tt)
-            L.destroy()
-            Tt.destroy()
-            L = L_new
-        L.diagonalScale(R=_vector(L, free, "right"))
-
-        A = L.matMult(s.K)
-        EC_u = E.matMult(s.C_u)
-        A.axpy(1.0, EC_u)
-        t = _vector(L, r_test, "right")
-        b = L.createVecLeft()
-        L.mult(t, b)
-        Cz_rest = s.C_z.createVecLeft()
-        s.C_z.mult(v, Cz_rest)
-        b.array[s.own] += r_z[s.active] - Cz_rest.array[s.active]
+        # Right-hand side: rows of S hold the constraints
+        b = s.K.createVecLeft()
+        N.mult(r_test, b)
+        rows = np.ones(n_u, dtype=bool)
+        rows[s.own] = False
+        b.array[rows] += r_test.array[rows]
+        c_rest = s.C_z.createVecLeft()
+        s.C_z.mult(dz_vec, c_rest)
+        b.array[s.own] += r_z[s.active] - c_rest.array[s.active]
         b.array[s.fixed] = r_u[s.fixed]
-        first = A.getOwnershipRange()[0]
-        fixed = (first + s.fixed).astype(PETSc.IntType)
-        A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        A.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        A.zeroRowsColumns(fixed, diag=1.0, x=b, b=b)
         x = self._run(A, b)
         du = x.array.copy()
 
         # Multipliers from the equilibrium of the slave nodes
-        s.K.mult(x, b)
-        t.array[:] = r_test - b.array * free
+        residual = s.K.createVecLeft()
+        s.K.mult(x, residual)
+        if s.K_c is not None:
+            s.K_c.multAdd(x, residual, residual)
+        residual.aypx(-1.0, r_test)
+        residual.array[:] *= free
         if s.T is not None:
-            w = t.duplicate()
-            s.T.multTranspose(t, w)
-        else:
-            w = t
-        dz = dz_rest
-        dz[s.active] = w.array[s.own] / s.diagonal
-        for obj in (E, Et, Y, EC, L, identity, A, EC_u, t, b, x, v):
+            extra = s.K.createVecLeft()
+            s.T.multTranspose(residual, extra)
+            residual.axpy(1.0, extra)
+        dz[s.active] = residual.array[s.own] / s.diagonal
+        for obj in (N, E, A, b, x, residual, r_test, dz_vec, c_rest):
             obj.destroy()
         return du, dz
 
+    def _any(self, values: npt.NDArray[np.float64]) -> bool:
+        return self.comm.allreduce(bool(np.any(values)), op=MPI.LOR)
 
-def _sorted(i, j):
-    order = np.argsort(i, kind="stable")
-    return i[order].astype(np.int32), j[order].astype(np.int32)
+    def _row_operator(self, s, free) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """N with condensed rows = (I_R + N) r of the residual, and E.
+
+        E puts active multipliers on the dofs of their nodes, I_R keeps the rows that are not
+        slave rows, and
+
+            N = I_R (T - I)ᵀ - Y Eᵀ - Y Eᵀ (T - I)ᵀ,  Y = (B̃_Rᵀ + E C_z) D̃⁻¹,
+
+        with the columns of Dirichlet dofs left out.
+        """
+        n_u, n_z = s.K.getLocalSize()[0], s.C_z.getLocalSize()[0]
+        order = np.argsort(s.own, kind="stable")
+        E = _selection(self.comm, n_u, n_z, s.own[order], s.active[order])
+        inverse = np.zeros(n_z)
+        inverse[s.active] = 1.0 / s.diagonal
+        inverse = _vector(s.C_z, inverse, "right")
+        Y = s.B_tilde.transpose(PETSc.Mat())
+        Y.diagonalScale(R=inverse)
+        Y.axpy(-1.0, E)
+        EC = E.matMult(s.C_z)
+        EC.diagonalScale(R=inverse)
+        Y.axpy(1.0, EC)
+        Et = E.transpose(PETSc.Mat())
+        N = Y.matMult(Et)
+        N.scale(-1.0)
+        if s.T is not None:
+            Tt = s.T.transpose(PETSc.Mat())
+            NT = N.matMult(Tt)
+            N.axpy(1.0, NT)
+            keep = np.ones(n_u)
+            keep[s.own] = 0.0
+            Tt.diagonalScale(L=_vector(Tt, keep, "left"))
+            N.axpy(1.0, Tt)
+            Tt.destroy()
+            NT.destroy()
+        N.diagonalScale(R=_vector(N, free, "right"))
+        for obj in (Y, EC, Et, inverse):
+            obj.destroy()
+        return N, E
+
+    def _condensed_matrix(self, s, N, E) -> PETSc.Mat:
+        """(I_R + N) (K + K_c) + E C_u, with unit rows at Dirichlet dofs."""
+        Delta = N.matMult(s.K)
+        EC_u = E.matMult(s.C_u)
+        Delta.axpy(1.0, EC_u)
+        EC_u.destroy()
+        n_u = s.K.getLocalSize()[0]
+        if s.K_c is not None:
+            NK = N.matMult(s.K_c)
+            Delta.axpy(1.0, NK)
+            NK.destroy()
+            rows = np.ones(n_u)
+            rows[s.own] = 0.0
+            K_c = s.K_c.copy()
+            K_c.diagonalScale(L=_vector(K_c, rows, "left"))
+            Delta.axpy(1.0, K_c)
+            K_c.destroy()
+        sources = np.zeros(n_u, dtype=np.int8)
+        sources[s.own] = 1
+        sources[s.fixed] = 2
+        A = cpp.combine_rows(s.K, Delta, sources)
+        Delta.destroy()
+        return A

@@ -57,6 +57,10 @@ class Coupling:
         self._T = self.transformation(self.interfaces, False) if spaces else None
         if self._T is not None and self._is_identity(self._T):
             self._T = None
+        self._T_minus_one = None
+        if self._T is not None:
+            self._T_minus_one = self._T.copy()
+            self._T_minus_one.shift(-1.0)
         self._integrate_ties()
 
     # -- Set-up ---------------------------------------------------------------
@@ -427,7 +431,7 @@ class Coupling:
         """Newton system at the state of the last :meth:`evaluate`. Collective.
 
         Args:
-            K: Tangent of the bodies; the derivative of the contact forces is added to a copy.
+            K: Tangent of the bodies.
             z: Owned multipliers.
         """
         n_u, n_z = self.layout.size_u, self.size_z
@@ -466,15 +470,7 @@ class Coupling:
             C_u = self.create_matrix(n_z, n_u)
             C_u.assemble()
 
-        K_full = K
-        current = [c for c in self.contacts if c.geometry == "current"]
-        if current and self._force_derivative is not None:
-            K_full = K.copy()
-            K_full.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-            K_full.axpy(1.0, self._force_derivative)
-            self._force_derivative.destroy()
-            self._force_derivative = None
-
+        K_c, self._force_derivative = self._force_derivative, None
         own = np.zeros(n_z, dtype=np.int32)
         diagonal = np.zeros(n_z)
         for i in self.interfaces:
@@ -487,10 +483,11 @@ class Coupling:
             self._B, self._B_tilde = self._new_B()
             self._B.assemble()
         return NewtonSystem(
-            K=K_full,
+            K=K,
+            K_c=K_c,
             B=self._B,
             B_tilde=self._B_tilde,
-            T=self._T,
+            T=self._T_minus_one,
             C_u=C_u,
             C_z=C_z,
             active=index,
@@ -506,6 +503,8 @@ class Coupling:
         """Free a system's matrices that are made anew each time."""
         if all(system.K is not A for A in keep):
             system.K.destroy()
+        if system.K_c is not None:
+            system.K_c.destroy()
         system.C_u.destroy()
         system.C_z.destroy()
 

@@ -497,6 +497,8 @@ class _NewtonMatrix:
         fu, fz, w, v = s.K.createVecLeft(), s.C_z.createVecLeft(), s.K.createVecLeft(), None
         u.array[:], z.array[:] = x.array_r[:n], x.array_r[n:]
         s.K.mult(u, fu)
+        if s.K_c is not None:
+            s.K_c.multAdd(u, fu, fu)
         s.B.multTranspose(z, w)
         fu.array[:] += w.array
         fu.array[s.fixed] = u.array[s.fixed]
