@@ -77,14 +77,14 @@ template <typename T>
 void scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward", [](const Surface& s, InOut<T> a)
+      "scatter_forward",
+      [](const Surface& s, InOut<T> a)
       { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
       nb::arg("surface"), nb::arg("values"),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a)
-      {
+      [](const Surface& s, InOut<T> a) {
         scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
       },
       nb::arg("surface"), nb::arg("values"),
@@ -124,12 +124,10 @@ void wrap_surface(nb::module_& m)
         std::vector<FacetType> t;
         for (std::int8_t type : span(types))
           t.push_back(static_cast<FacetType>(type));
-        return create_surface(MPI_Comm_f2c(comm), std::move(t),
-                              span(facet_blocks),
-                              {orientation.data(),
-                               orientation.data() + orientation.size()},
-                              span(block_numbers), num_owned_blocks,
-                              span(block_owners), span(X));
+        return create_surface(
+            MPI_Comm_f2c(comm), std::move(t), span(facet_blocks),
+            {orientation.data(), orientation.data() + orientation.size()},
+            span(block_numbers), num_owned_blocks, span(block_owners), span(X));
       },
       nb::arg("comm"), nb::arg("types"), nb::arg("facet_blocks"),
       nb::arg("orientation"), nb::arg("block_numbers"),
@@ -158,9 +156,8 @@ void wrap_surface(nb::module_& m)
       "create_surface",
       [](const std::vector<
              std::shared_ptr<const dolfinx::fem::FunctionSpace<double>>>& V,
-         const std::vector<
-             std::shared_ptr<const dolfinx::mesh::MeshTags<std::int32_t>>>&
-             tags,
+         const std::vector<std::shared_ptr<
+             const dolfinx::mesh::MeshTags<std::int32_t>>>& tags,
          const std::vector<std::int32_t>& tag, const std::string& side,
          const std::vector<In<std::int64_t>>& block_numbers,
          const std::vector<std::int32_t>& first_blocks)
@@ -169,8 +166,7 @@ void wrap_surface(nb::module_& m)
         for (std::size_t i = 0; i < V.size(); ++i)
         {
           parts.push_back(tagged_part(*V[i], *tags[i], tag[i], side,
-                                      span(block_numbers[i]),
-                                      first_blocks[i]));
+                                      span(block_numbers[i]), first_blocks[i]));
         }
         return create_surface(parts);
       },
@@ -211,9 +207,10 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("u"),
       "Positions X + u, shape (num_nodes, 3). Collective.");
   m.def(
-      "check_areas", [](const Surface& s, In<double> x, const std::string& name)
-      { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
-      nb::arg("name") = "surface",
+      "check_areas",
+      [](const Surface& s, In<double> x, const std::string& name)
+      { check_areas(s, span(x), name); },
+      nb::arg("surface"), nb::arg("x"), nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
 
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
@@ -235,9 +232,9 @@ void wrap_surface(nb::module_& m)
       {
         const std::size_t n = 3 * facet_nodes(s, f).size();
         std::vector<double> dn(n * n);
-        normal_derivative(
-            s, span(x), fixed ? span(*fixed) : std::span<const std::int8_t>(),
-            normals, f, dn);
+        normal_derivative(s, span(x),
+                          fixed ? span(*fixed) : std::span<const std::int8_t>(),
+                          normals, f, dn);
         return as_array(std::move(dn), {n, n});
       },
       nb::arg("surface"), nb::arg("x"), nb::arg("fixed").none(),

@@ -89,7 +89,8 @@ check_space(const dolfinx::fem::FunctionSpace<double>& V)
           "element?): use Lagrange of degree 1 or 2, or "
           "dolfinx_mortar.hex20().");
     }
-  }();
+  }
+  ();
   if (!e.value_shape().empty())
   {
     throw std::runtime_error(
@@ -134,8 +135,9 @@ reference_facets(const basix::FiniteElement<double>& e)
   const std::vector<double> geometry
       = basix::cell::geometry<double>(e.cell_type()).first;
   const std::vector<double>& points = e.points().first;
-  auto vertex = [&](int v) -> Vector
-  { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
+  auto vertex = [&](int v) -> Vector {
+    return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]};
+  };
   Vector centre = {};
   const int num_vertices = topology[0].size();
   for (int v = 0; v < num_vertices; ++v)
@@ -192,7 +194,8 @@ reference_facets(const basix::FiniteElement<double>& e)
         double distance = 0;
         for (int c = 0; c < 3; ++c)
         {
-          const double x = x0[c] + nodes[2 * k] * t0[c] + nodes[2 * k + 1] * t1[c];
+          const double x
+              = x0[c] + nodes[2 * k] * t0[c] + nodes[2 * k + 1] * t1[c];
           distance += std::abs(points[3 * dof + c] - x);
         }
         return distance < 1e-8;
@@ -330,8 +333,9 @@ PartFacets part_facets(const SurfacePart& part)
   if (!sorted.empty()
       and (sorted.front() < 0 or sorted.back() >= facet_cells->num_nodes()))
   {
-    message = "The " + name + " has a facet with an index out of range: facets "
-              "are given by their local indices in the mesh.";
+    message = "The " + name
+              + " has a facet with an index out of range: facets "
+                "are given by their local indices in the mesh.";
   }
   throw_on_all(comm, message);
 
@@ -372,9 +376,8 @@ PartFacets part_facets(const SurfacePart& part)
     const std::size_t i
         = std::distance(local.begin(), std::ranges::find(local, f));
     types.push_back(reference[i].type);
-    const double detJ
-        = jacobian_determinant(dphi[i], compat::geometry_nodes(mesh, *cell),
-                               mesh.geometry().x());
+    const double detJ = jacobian_determinant(
+        dphi[i], compat::geometry_nodes(mesh, *cell), mesh.geometry().x());
     orientation.push_back(reference[i].outward == (detJ > 0) ? 1 : -1);
     const auto dofs = V.dofmap()->cell_dofs(*cell);
     for (int dof : reference[i].dofs)
@@ -385,8 +388,7 @@ PartFacets part_facets(const SurfacePart& part)
 }
 } // namespace
 //-----------------------------------------------------------------------------
-Surface
-dolfinx_mortar::create_surface(std::span<const SurfacePart> parts)
+Surface dolfinx_mortar::create_surface(std::span<const SurfacePart> parts)
 {
   if (parts.empty())
     throw std::runtime_error("A surface needs at least one part.");
@@ -486,23 +488,25 @@ dolfinx_mortar::create_surface(const dolfinx::fem::FunctionSpace<double>& V,
                                std::span<const std::int64_t> block_numbers,
                                const std::string& name)
 {
-  const SurfacePart part{&V, {facets.begin(), facets.end()}, block_numbers, 0,
-                         name};
+  const SurfacePart part{
+      &V, {facets.begin(), facets.end()}, block_numbers, 0, name};
   return create_surface(std::span(&part, 1));
 }
 //-----------------------------------------------------------------------------
-SurfacePart dolfinx_mortar::tagged_part(
-    const dolfinx::fem::FunctionSpace<double>& V,
-    const dolfinx::mesh::MeshTags<std::int32_t>& tags, std::int32_t tag,
-    const std::string& side, std::span<const std::int64_t> block_numbers,
-    std::int32_t first_block)
+SurfacePart
+dolfinx_mortar::tagged_part(const dolfinx::fem::FunctionSpace<double>& V,
+                            const dolfinx::mesh::MeshTags<std::int32_t>& tags,
+                            std::int32_t tag, const std::string& side,
+                            std::span<const std::int64_t> block_numbers,
+                            std::int32_t first_block)
 {
   const std::string name
       = side + " surface (facet tag " + std::to_string(tag) + ")";
   if (tags.dim() != 2)
   {
-    throw std::runtime_error("The " + name + " needs tags of facets, but these "
-                             "tag entities of dimension "
+    throw std::runtime_error("The " + name
+                             + " needs tags of facets, but these "
+                               "tag entities of dimension "
                              + std::to_string(tags.dim()) + ".");
   }
   if (tags.topology() != V.mesh()->topology())

@@ -84,8 +84,8 @@ Surface create_surface(std::span<const SurfacePart> parts);
 /// number_blocks.
 /// @param[in] name What to call the surface in messages, "slave surface (facet
 /// tag 3)".
-/// @throw std::runtime_error On all ranks, where the space is none of the above,
-/// there are no facets, a facet is inside the mesh or has no area.
+/// @throw std::runtime_error On all ranks, where the space is none of the
+/// above, there are no facets, a facet is inside the mesh or has no area.
 Surface create_surface(const dolfinx::fem::FunctionSpace<double>& V,
                        std::span<const std::int32_t> facets,
                        std::span<const std::int64_t> block_numbers,

@@ -87,8 +87,7 @@ RankData<T> exchange(MPI_Comm comm, const RankData<T>& send)
     }
     else
     {
-      MPI_Testall(requests.size(), requests.data(), &flag,
-                  MPI_STATUSES_IGNORE);
+      MPI_Testall(requests.size(), requests.data(), &flag, MPI_STATUSES_IGNORE);
       if (flag)
         MPI_Ibarrier(comm, &barrier);
     }

@@ -207,8 +207,7 @@ void append(Facets& list, const Surface& s, std::span<const double> x,
   list.facets.push_back({s.types[f], s.orientation[f]});
   for (std::int32_t k : facet_nodes(s, f))
   {
-    list.nodes.push_back(
-        {s.blocks[k], {x[3 * k], x[3 * k + 1], x[3 * k + 2]}});
+    list.nodes.push_back({s.blocks[k], {x[3 * k], x[3 * k + 1], x[3 * k + 2]}});
   }
   list.offsets.push_back(list.nodes.size());
 }
@@ -255,7 +254,8 @@ void build(Tree& tree, std::span<const Box> boxes, std::int32_t begin,
         axis = c;
     const std::int32_t middle = begin + (end - begin) / 2;
     auto it = tree.order.begin();
-    std::nth_element(it + begin, it + middle, it + end, [&](auto a, auto b)
+    std::nth_element(it + begin, it + middle, it + end,
+                     [&](auto a, auto b)
                      { return centre(a, axis) < centre(b, axis); });
     build(tree, boxes, begin, middle);
     build(tree, boxes, middle, end);
@@ -394,7 +394,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   {
     const std::vector<Outline> local = outlines(master, x_master);
     std::vector<Box> boxes(local.size());
-    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
+    std::ranges::transform(local, boxes.begin(),
+                           [&](const Outline& o)
                            { return grown(o.box, reach(o)); });
     near = collect(box, master, x_master, boxes);
   }
@@ -407,9 +408,12 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   };
   std::vector<std::int32_t> order(near.facets.size());
   std::iota(order.begin(), order.end(), 0);
-  std::ranges::sort(order, [&](std::int32_t a, std::int32_t b)
-                    { return std::ranges::lexicographical_compare(
-                          nodes(a), nodes(b), {}, &Node::block, &Node::block); });
+  std::ranges::sort(order,
+                    [&](std::int32_t a, std::int32_t b)
+                    {
+                      return std::ranges::lexicographical_compare(
+                          nodes(a), nodes(b), {}, &Node::block, &Node::block);
+                    });
 
   std::vector<Outline> masters;
   std::vector<Box> boxes;

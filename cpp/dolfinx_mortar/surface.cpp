@@ -204,7 +204,8 @@ Surface dolfinx_mortar::create_surface(
   owned.erase(split, owned.end());
   auto owner = [&](std::int32_t block)
   { return block_owners[block - num_owned_blocks]; };
-  std::ranges::sort(ghosts, {}, [&](std::int32_t b)
+  std::ranges::sort(ghosts, {},
+                    [&](std::int32_t b)
                     { return std::tuple(owner(b), block_numbers[b]); });
 
   // Tell the owners of the ghosts
@@ -258,7 +259,9 @@ Surface dolfinx_mortar::create_surface(
   s.ghost_ranks = requests.ranks;
   s.send_offsets = requests.offsets;
   auto owned_node = [&](std::int32_t block) -> std::int32_t
-  { return std::distance(owned.begin(), std::ranges::lower_bound(owned, block)); };
+  {
+    return std::distance(owned.begin(), std::ranges::lower_bound(owned, block));
+  };
   s.send_nodes.resize(requested.size());
   std::ranges::transform(requested, s.send_nodes.begin(), owned_node);
 
@@ -304,9 +307,9 @@ void dolfinx_mortar::scatter_forward(const Surface& s, std::span<T> values,
 {
   if (values.size() != static_cast<std::size_t>(bs) * s.numbers.size())
     throw std::runtime_error("Wrong number of nodal values.");
-  std::vector<T> recv = exchange_values<T>(
-      s.comm, values, bs, s.ghost_ranks, s.send_offsets, s.send_nodes,
-      s.owner_ranks, s.recv_offsets);
+  std::vector<T> recv
+      = exchange_values<T>(s.comm, values, bs, s.ghost_ranks, s.send_offsets,
+                           s.send_nodes, s.owner_ranks, s.recv_offsets);
   for (std::size_t i = 0; i < s.recv_nodes.size(); ++i)
     std::copy_n(recv.data() + bs * i, bs, values.data() + bs * s.recv_nodes[i]);
 }
@@ -317,9 +320,9 @@ void dolfinx_mortar::scatter_reverse_add(const Surface& s, std::span<T> values,
 {
   if (values.size() != static_cast<std::size_t>(bs) * s.numbers.size())
     throw std::runtime_error("Wrong number of nodal values.");
-  std::vector<T> recv = exchange_values<T>(
-      s.comm, values, bs, s.owner_ranks, s.recv_offsets, s.recv_nodes,
-      s.ghost_ranks, s.send_offsets);
+  std::vector<T> recv
+      = exchange_values<T>(s.comm, values, bs, s.owner_ranks, s.recv_offsets,
+                           s.recv_nodes, s.ghost_ranks, s.send_offsets);
   for (std::size_t i = 0; i < s.send_nodes.size(); ++i)
     for (int c = 0; c < bs; ++c)
       values[bs * s.send_nodes[i] + c] += recv[bs * i + c];
@@ -342,8 +345,8 @@ template void dolfinx_mortar::scatter_reverse_add(const Surface&,
 template void dolfinx_mortar::scatter_reverse_add(const Surface&,
                                                   std::span<std::int64_t>, int);
 //-----------------------------------------------------------------------------
-std::vector<double>
-dolfinx_mortar::current_positions(const Surface& s, std::span<const double> u)
+std::vector<double> dolfinx_mortar::current_positions(const Surface& s,
+                                                      std::span<const double> u)
 {
   std::string message;
   std::vector<double> x = s.X;
@@ -485,10 +488,9 @@ void dolfinx_mortar::normal_derivative(const Surface& s,
       mi *= s.orientation[f] / length;
     const double* n = normals.n.data() + 3 * nodes[k];
     const Vector keep = dropped(fixed, normals.n, nodes[k]);
-    const double scale
-        = s.orientation[f] / (length * normals.length[nodes[k]]);
-    const double nm = n[0] * keep[0] * m[0] + n[1] * keep[1] * m[1]
-                      + n[2] * keep[2] * m[2];
+    const double scale = s.orientation[f] / (length * normals.length[nodes[k]]);
+    const double nm
+        = n[0] * keep[0] * m[0] + n[1] * keep[1] * m[1] + n[2] * keep[2] * m[2];
     std::array<Vector, 3> Q;
     for (int i = 0; i < 3; ++i)
     {
