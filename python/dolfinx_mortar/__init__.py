@@ -34,5 +34,6 @@ from .elements import hex20
 from .errors import ConvergenceError
 from .interfaces import Interface, Tie
 from .problem import ContactProblem
+from .relocation import relocate
 
-__all__ = ["Contact", "ContactProblem", "ConvergenceError", "Interface", "Tie", "hex20"]
+__all__ = ["Contact", "ContactProblem", "ConvergenceError", "Interface", "Tie", "hex20", "relocate"]

@@ -218,6 +218,59 @@ class Coupling:
                 "search_distance."
             )
 
+    def _own_dofs(self, interface: Interface) -> npt.NDArray[np.int32]:
+        """Local displacement dofs of an interface's owned slave nodes."""
+        n = interface.num_owned
+        blocks = interface._surface_slave.blocks[:n] - self.layout.first_u // 3
+        return (3 * blocks[:, None] + np.arange(3)).ravel().astype(np.int32)
+
+    def inverse(self, interface: Interface) -> PETSc.Mat:
+        """D⁻¹ = T D̃⁻¹ of an interface with dual multipliers. Collective."""
+        n_u, n_z = self.layout.size_u, self.size_z
+        n = interface.num_owned
+        carries = np.repeat(interface._data.carries[:n].astype(bool), 3)
+        diagonal = np.repeat(interface._nodal["diagonal"][:n], 3)
+        own = self._own_dofs(interface)
+        E = self.create_matrix(n_u, n_z)
+        first_u, first_z = self.layout.first_u, 3 * self._first_multiplier
+        start = self.slice(interface).start
+        for j in np.flatnonzero(carries):
+            E.setValue(first_u + own[j], first_z + start + j, 1.0 / diagonal[j])
+        E.assemble()
+        if self._T is None:
+            return E
+        return self.transformation([interface], False).matMult(E)
+
+    def constraints(self, tie: Tie):
+        """See :meth:`Tie.constraints`."""
+        # Rows T (I_R - E D̃⁻¹ B̃_R) T⁻¹ of the slave dofs
+        n_u = self.layout.size_u
+        T = self.transformation([tie], False)
+        T_inverse = self.transformation([tie], True)
+        tied = np.flatnonzero(self._tied(tie))
+        own = self._own_dofs(tie)[tied]
+        inverse = tie._inverse()  # T E D̃⁻¹
+        B = self._rows_of(self._B_ties[1], tie)
+        keep = B.createVecRight()
+        keep.array[:] = 1.0
+        keep.array[own] = 0.0
+        B.diagonalScale(R=keep)
+        C = inverse.matMult(B)
+        C.scale(-1.0)
+        R = self.create_matrix(n_u, n_u)
+        first = self.layout.first_u
+        for i in np.flatnonzero(keep.array):
+            R.setValue(first + i, first + i, 1.0)
+        R.assemble()
+        C.axpy(1.0, T.matMult(R))
+        C = C.matMult(T_inverse)
+        out = []
+        for dof in sorted(own):
+            columns, values = C.getRow(first + dof)
+            used = np.abs(values) > 1e-14 * np.max(np.abs(values), initial=0.0)
+            out.append((int(first + dof), columns[used].astype(np.int64), values[used]))
+        return out
+
     # -- State ------------------------------------------------------------------
 
     def slice(self, interface: Interface) -> slice:
@@ -474,10 +527,8 @@ class Coupling:
         own = np.zeros(n_z, dtype=np.int32)
         diagonal = np.zeros(n_z)
         for i in self.interfaces:
-            rows, n = self.slice(i), i.num_owned
-            blocks_u = i._surface_slave.blocks[:n] - self.layout.first_u // 3
-            own[rows] = (3 * blocks_u[:, None] + np.arange(3)).ravel()
-            diagonal[rows] = np.repeat(i._nodal["diagonal"][:n], 3)
+            own[self.slice(i)] = self._own_dofs(i)
+            diagonal[self.slice(i)] = np.repeat(i._nodal["diagonal"][: i.num_owned], 3)
         index = np.flatnonzero(active).astype(np.int32)
         if self._B is None:
             self._B, self._B_tilde = self._new_B()

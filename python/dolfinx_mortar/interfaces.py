@@ -300,11 +300,39 @@ class Interface:
         assert self._problem is not None
         return self._problem._transformation([self], inverse=False)
 
+    def _inverse(self) -> PETSc.Mat:
+        if self.multiplier_space != "dual":
+            raise RuntimeError(
+                "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and constraints are "
+                f"not available with {self.multiplier_space!r}."
+            )
+        assert self._problem is not None
+        return self._problem._coupling.inverse(self)
+
     @property
     def T_inverse(self) -> PETSc.Mat:
         """Exact inverse of T (equations 4.6, 4.14)."""
         assert self._problem is not None
         return self._problem._transformation([self], inverse=True)
+
+    @property
+    def D_inverse(self) -> PETSc.Mat:
+        """D⁻¹ = T D̃⁻¹, sparse: displacement dofs by multiplier dofs. Collective.
+
+        Raises:
+            RuntimeError: The multipliers are not ``"dual"``.
+        """
+        return self._inverse()
+
+    @property
+    def P(self) -> PETSc.Mat:
+        """P = D⁻¹ M: displacement dofs of the slave nodes from those of the masters. Collective.
+
+        Raises:
+            RuntimeError: The multipliers are not ``"dual"``.
+        """
+        inverse, M = self._inverse(), self.M
+        return inverse.matMult(M)
 
 
 class Tie(Interface):
@@ -327,13 +355,20 @@ class Tie(Interface):
     The constraint is on displacements, so an initial gap between two discretised curved surfaces
     stays as it is and a rigid translation creates no stress. A rigid *rotation* of a curved tie
     does create (small) stress, as the gap does not turn with the bodies, unless the slave nodes
-    are first moved onto the master with :meth:`relocate`.
+    are first moved onto the master with :func:`dolfinx_mortar.relocate`.
     """
 
-    def relocate(self) -> float:
-        """Move the slave nodes of the mesh onto the master surface, X_s := D⁻¹ M X_m.
+    def constraints(self) -> list[tuple[int, npt.NDArray[np.int64], npt.NDArray[np.float64]]]:
+        """The tie as master–slave constraints u_slave = Σ c_k u_k. Collective.
 
-        Not implemented by default at set-up: moves nodes of *your* mesh, so it is your call. Call
-        it before the problem is created. See :func:`dolfinx_mortar.relocate`.
+        Returns:
+            For each slave dof of this rank ``(dof, master dofs, coefficients)``, with dofs of the
+            coupled problem, ``3 * block + component``; in a problem with one body that is
+            DOLFINx's global numbering. Masters are the dofs of the master surface, and slave
+            nodes that carry no multiplier themselves.
+
+        Raises:
+            RuntimeError: The multipliers are not ``"dual"``.
         """
-        raise RuntimeError("Call dolfinx_mortar.relocate(tie) before creating the ContactProblem.")
+        assert self._problem is not None
+        return self._problem._coupling.constraints(self)

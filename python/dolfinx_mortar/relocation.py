@@ -1,0 +1,109 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Relocation of slave nodes onto the master surface."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+from dolfinx import fem
+from scipy.spatial import cKDTree
+
+from .coupling import Coupling
+from .interfaces import Tie
+from .layout import Layout
+
+
+def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) -> float:
+    """Move the slave nodes of *your* mesh onto the master surface, X_s := D⁻¹ M X_m. Collective.
+
+    A tie constrains displacements. Where the discretised surfaces of a curved interface do not
+    coincide, forces that balance have a small moment left, and a rigid rotation creates a small
+    stress. Both vanish when D X_s = M X_m holds. Call this before forms are assembled and before
+    the problem is created.
+
+    Only geometry nodes at slave nodes that carry a multiplier move; with straight cells under a
+    second-order displacement those are the vertices.
+
+    Args:
+        tie: Interface, not yet part of a problem.
+        bcs: Dirichlet conditions of the problem; nodes they fix entirely do not move.
+        limit: Largest motion allowed, as a share of the size of the adjacent facets.
+
+    Returns:
+        Largest motion of a node [length].
+
+    Raises:
+        RuntimeError: A node would move further than ``limit`` allows; nothing has been moved.
+    """
+    spaces: list[fem.FunctionSpace] = []
+    for part in [*tie.slave, *tie.master]:
+        if part.V not in spaces:
+            spaces.append(part.V)
+    layout = Layout(spaces)
+    coupling = Coupling(layout, [tie], bcs)
+    assert coupling._B_ties is not None
+    B = coupling._B_ties[0]
+    X = coupling._reference
+
+    # Motion of the nodes that carry multipliers such that B (X + dX) = 0
+    x = B.createVecRight()
+    x.array[:] = X
+    r = B.createVecLeft()
+    B.mult(x, r)
+    carries = np.repeat(tie._data.carries[: tie.num_owned].astype(bool), 3)
+    blocks = tie._surface_slave.blocks[: tie.num_owned] - layout.first_u // 3
+    own = (3 * blocks[:, None] + np.arange(3)).ravel()
+    rows = np.flatnonzero(carries).astype(PETSc.IntType)
+    first_z, first_u = B.getOwnershipRange()[0], layout.first_u
+    comm = layout.comm
+    row_set = PETSc.IS().createGeneral(rows + first_z, comm=comm)
+    column_set = PETSc.IS().createGeneral((own[rows] + first_u).astype(PETSc.IntType), comm=comm)
+    D = B.createSubMatrix(row_set, column_set)
+    ksp = PETSc.KSP().create(comm)
+    ksp.setOperators(D)
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+    b, dx = D.createVecLeft(), D.createVecRight()
+    b.array[:] = -r.array[rows]
+    ksp.solve(b, dx)
+    motion = np.zeros(layout.size_u)
+    motion[own[rows]] = dx.array
+
+    size = np.sqrt(np.maximum(tie._weights[: tie.num_owned], 0.0))
+    length = np.linalg.norm(motion.reshape(-1, 3)[blocks], axis=1)
+    worst = np.argmax(length - limit * size) if len(length) else 0
+    bad = None
+    if len(length) and length[worst] > limit * size[worst]:
+        bad = (length[worst], size[worst], tie._surface_slave.X[worst].tolist())
+    for item in comm.allgather(bad):
+        if item is not None:
+            raise RuntimeError(
+                f"The slave node at {tuple(round(v, 6) for v in item[2])} would move by "
+                f"{item[0]:.3g}, but facets there have the size {item[1]:.3g}: the surfaces are too "
+                "far apart to be relocated."
+            )
+    largest = comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
+
+    for b_index, V in enumerate(layout.spaces):
+        f = fem.Function(V)
+        n = layout.num_owned[b_index]
+        start = layout.starts[b_index]
+        f.x.array[: 3 * n] = motion[start : start + 3 * n]
+        f.x.scatter_forward()
+        values = f.x.array.reshape(-1, 3)
+        moved = np.flatnonzero(np.any(values != 0, axis=1))
+        if len(moved) == 0:
+            continue
+        points = V.tabulate_dof_coordinates()[moved]
+        geometry = V.mesh.geometry
+        distance, node = cKDTree(geometry.x).query(points)
+        scale = np.max(np.abs(geometry.x), initial=1e-300)
+        same = distance < 1e-10 * scale
+        geometry.x[node[same]] += values[moved[same]]
+    return largest
