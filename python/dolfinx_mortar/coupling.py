@@ -314,6 +314,21 @@ class Coupling:
             c._configuration = cpp.configure(c._data, *c._positions(x))
         return self._assemble_B(self.contacts)
 
+    def resume(self, u_all: npt.NDArray, u: npt.NDArray, z: npt.NDArray) -> None:
+        """Make a state that was read from a file the last accepted one. Collective."""
+        self._history = []
+        self.release_matrices()
+        if self.contacts:
+            B, _ = self._assemble_contacts(u_all)
+            self._B_old, self._u_old = B, u.copy()
+            self.evaluate(u_all, u, z, None)
+
+    def release_matrices(self) -> None:
+        """Forget matrices of earlier states."""
+        if self._contact_B_pair is not None and not self._contact_is_frozen:
+            self._contact_B_pair = None
+        self._B_old = None
+
     def state(self):
         """What :meth:`restore` brings back."""
         return [

@@ -103,6 +103,32 @@ class Layout:
         self._parts[body] = label[: self.num_owned[body]]
         return self._parts[body]
 
+    def forward(self, body: int, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Copy rows of owned blocks of a body to their ghosts, shape (n, columns). Collective."""
+        columns = values.shape[1]
+        vector = la.vector(self.spaces[body].dofmap.index_map, columns, dtype=np.float64)
+        vector.array[:] = values.ravel()
+        vector.scatter_forward()
+        return vector.array.reshape(-1, columns).copy()
+
+    def complete(self, body: int, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Fill rows that are NaN (on any rank) with the values other ranks have. Collective."""
+        columns = values.shape[1]
+        known = ~np.isnan(values).any(axis=1)
+        vector = la.vector(self.spaces[body].dofmap.index_map, columns + 1, dtype=np.float64)
+        array = vector.array.reshape(-1, columns + 1)
+        array[:, :columns] = np.where(known[:, None], values, 0.0)
+        array[:, columns] = known
+        vector.scatter_reverse(la.InsertMode.add)
+        array = vector.array.reshape(-1, columns + 1)
+        owned = self.num_owned[body]
+        count = np.maximum(array[:owned, columns:], 1.0)
+        # Ranks agree on the values of a node; do not let an average round
+        mean = array[:owned, :columns] / count
+        out = np.zeros_like(values)
+        out[:owned] = np.where(known[:owned, None], values[:owned], mean)
+        return self.forward(body, out)
+
     def body(self, V: fem.FunctionSpace) -> int:
         """Index of the body that a space belongs to.
 

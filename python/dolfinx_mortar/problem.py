@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
@@ -15,7 +16,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from . import compat, cpp
+from . import checkpoint, compat
 from .condensation import LinearSolver
 from .contact import Contact
 from .coupling import Coupling
@@ -252,6 +253,7 @@ class ContactProblem:
         f = self._cached[1]
         f[self._n_u :] = self._coupling.rescale(f[self._n_u :])
         K = self._assemble_tangent()
+        self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * x.array_r[: self._n_u])
         self._system = self._coupling.linearise(K, self._z)
 
     def _release_system(self) -> None:
@@ -291,7 +293,10 @@ class ContactProblem:
         free[self._coupling.fixed_dofs] = 0.0
         bc = self._max(f[:n][self._coupling.fixed_dofs])
         residual = self._norm(free)
-        self._force_reference = max(self._force_reference, self._force_scale, residual)
+        # Forces below the round-off of stiffness times displacement are no forces
+        self._force_reference = max(
+            self._force_reference, self._force_scale, residual, self._force_floor
+        )
         length = max(self._max(x[:n]), bc)
         constraint = self._coupling.constraint_measure(f[n:], x[n:], length)
         return {
@@ -377,6 +382,25 @@ class ContactProblem:
             part = min(2 * part, 1.0 - done) if done < 1.0 else part
         return total
 
+    def save(self, path: str | Path) -> None:
+        """Write the state of the last accepted step to a file. Collective.
+
+        An interrupted call leaves an earlier file of that name as it was.
+
+        Raises:
+            RuntimeError: The file can not be written.
+        """
+        checkpoint.save(self, path)
+
+    def load(self, path: str | Path) -> None:
+        """Continue from a file of :meth:`save`, on any number of ranks. Collective.
+
+        Raises:
+            RuntimeError: The file is missing, truncated, or of another problem; the state is
+                unchanged.
+        """
+        checkpoint.load(self, path)
+
     def _state(self):
         return (
             self._layout.gather(self._functions).copy(),
@@ -399,7 +423,7 @@ class ContactProblem:
         self._failure = ""
         self._cycle_pending = False
         self._iteration_step = 0.0
-        self._force_reference = 0.0
+        self._force_reference = self._force_floor = 0.0
         self.history = []
         n = self._n_u
         try:
