@@ -185,7 +185,8 @@ void wrap_coupling(nb::module_& m)
          std::optional<In<double>> motion, std::optional<In<double>> scale,
          In<double> c_n, In<double> c_t,
          In<std::int8_t> carries, In<std::int8_t> fixed, double friction,
-         std::optional<double> bound, std::optional<In<std::int8_t>> forced)
+         std::optional<double> bound, std::optional<In<std::int8_t>> forced,
+         bool damped)
       {
         std::vector<Status> states;
         if (forced)
@@ -198,7 +199,7 @@ void wrap_coupling(nb::module_& m)
              motion ? span(*motion) : std::span<const double>(),
              scale ? span(*scale) : std::span<const double>(), span(c_n),
              span(c_t), span(carries), span(fixed)},
-            {friction, bound}, states);
+            {friction, bound}, states, damped);
         const std::size_t n = r.status.size();
         std::vector<std::int8_t> status;
         for (Status s : r.status)
@@ -217,7 +218,7 @@ void wrap_coupling(nb::module_& m)
       nb::arg("scale").none(),
       nb::arg("c_n"), nb::arg("c_t"), nb::arg("carries"), nb::arg("fixed"),
       nb::arg("friction"), nb::arg("bound").none(),
-      nb::arg("forced").none() = nb::none(),
+      nb::arg("forced").none() = nb::none(), nb::arg("damped") = false,
       "Contact conditions as a semi-smooth equation, for arrays of nodes.");
 
   m.def(

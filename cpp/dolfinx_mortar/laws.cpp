@@ -17,7 +17,7 @@ using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 ContactResidual
 dolfinx_mortar::contact_residual(const ContactState& state,
                                  const Friction& friction,
-                                 std::span<const Status> forced)
+                                 std::span<const Status> forced, bool damped)
 {
   const std::size_t num = state.carries.size();
   const bool rough = friction.coefficient > 0 or friction.bound;
@@ -60,12 +60,28 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     C = cg * n;
     Cg = state.c_n[j] * n;
     Cn = cg * Mat3::Identity();
+    // Traction vanishes by symmetry where the displacement is prescribed
+    auto release_fixed = [&]()
+    {
+      for (int c = 0; c < 3; ++c)
+      {
+        if (state.fixed[3 * j + c])
+        {
+          C[c] = z[c];
+          Cg[c] = 0;
+          Cz.row(c) = Vec3::Unit(c).transpose();
+          Cn.row(c).setZero();
+          Cw.row(c).setZero();
+        }
+      }
+    };
     if (!rough)
     {
       C += z_tau;
       Cz = P;
       Cn += dz_tau;
       r.status[j] = Status::slip;
+      release_fixed();
       continue;
     }
 
@@ -88,21 +104,6 @@ dolfinx_mortar::contact_residual(const ContactState& state,
       stick = forced[j] == Status::stick;
     // Derivatives of the bound
     const double db = friction.bound or p <= 0 ? 0.0 : friction.coefficient;
-    // Traction vanishes by symmetry where the displacement is prescribed
-    auto release_fixed = [&]()
-    {
-      for (int c = 0; c < 3; ++c)
-      {
-        if (state.fixed[3 * j + c])
-        {
-          C[c] = z[c];
-          Cg[c] = 0;
-          Cz.row(c) = Vec3::Unit(c).transpose();
-          Cn.row(c).setZero();
-          Cw.row(c).setZero();
-        }
-      }
-    };
     if (stick)
     {
       // b z_τ - b t = -b c_t u; without the factor where a node is told to stick
@@ -127,11 +128,21 @@ dolfinx_mortar::contact_residual(const ContactState& state,
       C += z_tau;
       Cz = P;
       Cn += dz_tau;
+      release_fixed();
       continue;
     }
     // ‖t‖ z_τ - b t
     const Vec3 e = t / norm_t;
-    const Mat3 A = (z_tau * e.transpose() - b * Mat3::Identity()) / sigma;
+    double factor = 1;
+    if (const double norm_z = z_tau.norm(); damped and norm_z > 0)
+    {
+      const double cosine = z_tau.dot(e) / norm_z;
+      factor = std::min(1.0, b / norm_z);
+      if (cosine < 0)
+        factor /= 1 - cosine * std::min(1.0, norm_z / std::max(b, 1e-300));
+    }
+    const Mat3 A
+        = (factor * z_tau * e.transpose() - b * Mat3::Identity()) / sigma;
     const Mat3 At = A * F + (norm_t / sigma) * Mat3::Identity(); // by z_τ
     const double s = db / sigma;
     C += (norm_t * z_tau - b * t) / sigma;

@@ -94,7 +94,12 @@ struct ContactResidual
 /// @param[in] friction Tangential behaviour.
 /// @param[in] forced If not empty: states to use instead of those that follow
 /// from the values, shape (n).
+/// @param[in] damped Change the derivative of slipping nodes whose traction is
+/// outside of the cone, or points against their slip, as if it were on the cone
+/// (Hüeber, Stadler and Wohlmuth 2008). That is no derivative any more but
+/// leads Newton's method to the solution, where both agree, from further away.
 ContactResidual contact_residual(const ContactState& state,
                                  const Friction& friction,
-                                 std::span<const Status> forced);
+                                 std::span<const Status> forced,
+                                 bool damped = false);
 } // namespace dolfinx_mortar

@@ -98,7 +98,7 @@ class Contact(Interface):
         self._configuration = cpp.configure(self._data, *self._positions(u_all))
         self._nodal = cpp.integrate(self._data, self._configuration, B=B, B_tilde=B_tilde)
 
-    def _evaluate_law(self, z, gap, motion, forced) -> None:
+    def _evaluate_law(self, z, gap, motion, forced, damped=False) -> None:
         """Complementarity function at the owned nodes; see C++ contact_residual."""
         n = self.num_owned
         self._gap_weighted = gap
@@ -115,6 +115,7 @@ class Contact(Interface):
             self.friction,
             self.tresca,
             forced,
+            damped,
         )
 
     def _rescale(self) -> None:

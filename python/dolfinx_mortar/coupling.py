@@ -489,7 +489,7 @@ class Coupling:
         for c in self.contacts:
             if c.is_frictional:
                 c._rescale()
-                c._evaluate_law(*c._law_arguments)
+                c._evaluate_law(*c._law_arguments, damped=True)
                 f_z[self.slice(c)] = c._law["value"].ravel()
         return f_z
 

@@ -497,10 +497,15 @@ class ContactProblem:
 
     def _explain_petsc(self, error: Exception) -> str:
         hint = self._coupling.diagnose()
-        return (
-            f"The linear solver failed ({error})."
-            + (f" {self._failure}" if self._failure else "")
-            + (hint or " A body may not be held: check the Dirichlet conditions.")
+        if self._failure:
+            iterations = len(self.history)
+            return (
+                f"The solve failed after {iterations} Newton iterations, no step of finite length "
+                f"leads on. {self._failure}"
+                + (hint or " Take smaller load steps; the state is as before the step.")
+            )
+        return f"The linear solver failed ({str(error).splitlines()[0]})." + (
+            hint or " A body may not be held: check the Dirichlet conditions."
         )
 
     def _resultants(self, contact: Contact):
