@@ -69,13 +69,15 @@ void wrap_coupling(nb::module_& m)
 
   nb::class_<Configuration>(m, "Configuration",
                             "Positions, normals and candidate pairs")
-      .def_prop_ro("normals",
-                   [](const Configuration& self)
-                   {
-                     return as_array(std::vector<double>(self.normals.n),
-                                     {self.normals.n.size() / 3, 3});
-                   },
-                   nb::rv_policy::automatic, "Averaged normals, shape (n, 3)")
+      .def_prop_rw(
+          "normals",
+          [](const Configuration& self)
+          {
+            return as_array(std::vector<double>(self.normals.n),
+                            {self.normals.n.size() / 3, 3});
+          },
+          [](Configuration& self, In<double> n) { self.normals.n = copy(n); },
+          nb::rv_policy::automatic, "Averaged normals, shape (n, 3)")
       .def_prop_ro("num_candidates", [](const Configuration& self)
                    { return self.candidates.facets.size(); });
 

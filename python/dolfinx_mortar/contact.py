@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpi4py import MPI
@@ -34,6 +34,10 @@ class Contact(Interface):
         initial_active: Nodes in contact when the first solve starts: ``"gap"`` (those that
             penetrate, and where a body would not be held otherwise, those that are nearest),
             ``"none"``, ``"all"``, or a function of positions (shape (3, n)) that returns flags.
+        normal: Only with ``geometry="reference"``: direction from the slave to the master to be
+            used at all nodes instead of the slave's own normals. With small strains both are
+            right up to the angle between the surfaces; the normal of a plane master is the
+            better choice, as it makes contact with that plane exact.
     """
 
     def __init__(
@@ -49,6 +53,7 @@ class Contact(Interface):
         c_t: float | None = None,
         geometry: str = "current",
         initial_active: str | Callable = "gap",
+        normal: Sequence[float] | None = None,
         **options: Any,
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
@@ -67,6 +72,11 @@ class Contact(Interface):
             raise ValueError(
                 "initial_active must be 'gap', 'none', 'all' or a function of positions."
             )
+        if normal is not None and geometry != "reference":
+            raise ValueError("A given normal makes sense only with geometry='reference'.")
+        if normal is not None and not (np.shape(normal) == (3,) and np.linalg.norm(normal) > 0):
+            raise ValueError("normal must be three numbers, not all zero.")
+        self._normal = None if normal is None else np.asarray(normal) / np.linalg.norm(normal)
         self.friction = float(friction or 0.0)
         self.tresca = tresca
         self.geometry = geometry
@@ -93,9 +103,16 @@ class Contact(Interface):
         # A traction, until the first iterate gives a better one
         self._scale = self._c_t * area**1.5
 
+    def _configure(self, u_all) -> cpp.Configuration:
+        """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
+        configuration = cpp.configure(self._data, *self._positions(u_all))
+        if self._normal is not None:
+            configuration.normals = np.tile(self._normal, (self.num_nodes, 1))
+        return configuration
+
     def _evaluate_geometry(self, u_all, B, B_tilde) -> None:
         """Integrate in the configuration of ``u_all`` (None: reference) and add to B."""
-        self._configuration = cpp.configure(self._data, *self._positions(u_all))
+        self._configuration = self._configure(u_all)
         self._nodal = cpp.integrate(self._data, self._configuration, B=B, B_tilde=B_tilde)
 
     def _evaluate_law(self, z, gap, motion, forced, damped=False) -> None:

@@ -311,7 +311,7 @@ class Coupling:
     def _assemble_contacts(self, u_all: npt.NDArray) -> tuple[PETSc.Mat, PETSc.Mat]:
         for c in self.contacts:
             x = None if c.geometry == "reference" else u_all
-            c._configuration = cpp.configure(c._data, *c._positions(x))
+            c._configuration = c._configure(x)
         return self._assemble_B(self.contacts)
 
     def resume(self, u_all: npt.NDArray, u: npt.NDArray, z: npt.NDArray) -> None:
