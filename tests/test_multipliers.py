@@ -1,0 +1,156 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Multiplier functions: basis transformation, biorthogonality, partition of unity, row sums."""
+
+import numpy as np
+import oracle
+import pytest
+from dolfinx_mortar import cpp
+from facet_pairs import PAIRINGS, SPACE, TYPE, Pairing, random_pairing
+
+pytestmark = pytest.mark.serial
+DUAL = ("dual", "dual-linear")
+kinds = pytest.mark.parametrize("kind", oracle.KINDS)
+multipliers = pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
+pairings = pytest.mark.parametrize("pairing", PAIRINGS, ids="-".join)
+integrations = pytest.mark.parametrize("integration", ["segment", "element"])
+
+
+@kinds
+@multipliers
+def test_transformation(kind, multiplier):
+    T = cpp.transformation(SPACE[multiplier], TYPE[kind])
+    # The linear functions that "standard" has on tri6 and quad8 are those of "dual-linear"
+    linear = multiplier == "standard" and kind in ("tri6", "quad8")
+    expected = oracle.transformation(kind, "dual-linear" if linear else multiplier)
+    assert np.allclose(T, expected, rtol=0, atol=1e-16)
+    inverse = cpp.inverse_transformation(SPACE[multiplier], TYPE[kind])
+    assert np.allclose(T @ inverse, np.eye(len(T)), rtol=0, atol=1e-15)
+    # An edge depends on its own corners only, so that T is the same seen from both facets
+    assert np.array_equal(inverse != 0, T != 0)
+    expected = len(oracle.multiplier_nodes(kind, multiplier))
+    assert cpp.num_multipliers(SPACE[multiplier], TYPE[kind]) == expected
+
+
+def nodes(pairing, multiplier):
+    return oracle.multiplier_nodes(pairing[0], multiplier)
+
+
+@pairings
+@pytest.mark.parametrize("multiplier", DUAL)
+@integrations
+@pytest.mark.parametrize("covered", [True, False], ids=["covered", "partly covered"])
+def test_biorthogonality(pairing, multiplier, integration, covered):
+    """D~ is diagonal, its entries are the integrals of the transformed functions."""
+    for seed in range(3):
+        r = random_pairing(*pairing, seed, covered=covered).integrate(multiplier, integration)
+        if not r["covered"]:
+            assert not covered
+            continue
+        k = nodes(pairing, multiplier)
+        D = r["D_tilde"][np.ix_(k, k)]
+        scale = r["area"]
+        assert np.abs(D - np.diag(r["coverage"][k])).max() < 1e-13 * scale
+        # What the library divides by, and D = D~ T^-1
+        assert np.abs(r["diagonal"][k] - np.diag(D)).max() < 1e-13 * scale
+        inverse = cpp.inverse_transformation(SPACE[multiplier], TYPE[pairing[0]])
+        assert np.abs(r["D"] - r["D_tilde"] @ inverse).max() < 1e-13 * scale
+
+
+@pairings
+@pytest.mark.parametrize("multiplier", DUAL)
+@integrations
+def test_integrals_of_transformed_functions(pairing, multiplier, integration):
+    """Positive on covered facets; on partly covered ones they add up to the covered area."""
+    k = nodes(pairing, multiplier)
+    for seed in range(3):
+        r = random_pairing(*pairing, seed).integrate(multiplier, integration)
+        assert r["coverage"][k].min() > 0.01 * r["area"]
+        r = random_pairing(*pairing, seed, covered=False).integrate(multiplier, integration)
+        if r["covered"]:
+            assert r["coverage"][k].sum() == pytest.approx(r["area"], rel=1e-13)
+
+
+@pytest.mark.parametrize(("kind", "strip"), [("tri6", (-1, 0.1)), ("quad8", (0.85, 2))])
+def test_covered_parts_can_have_negative_integrals(kind, strip):
+    """Of "dual" on tri6 and quad8: N~ of a corner is negative near the opposite edge.
+
+    On tri6 it is L (1.2 L - 0.2) with the corner's coordinate L, on quad8
+    (1 - x) (1 - y) (1 - 1.2 (x + y)) for the corner at the origin. So a node of which too small a
+    share is covered must not carry a multiplier. Its function goes to the other nodes, and nothing
+    else changes: D~ stays diagonal with the same entries, and constants stay reproduced.
+    """
+    reference = oracle.REFERENCE_NODES[kind]
+    x = np.column_stack([reference, np.zeros(len(reference))])
+    slave = oracle.Surface(x, [(kind, np.arange(len(x)))], np.ones(1))
+    lower, upper = (strip[0], -1), (strip[1], 2)
+    p = Pairing(slave, oracle.patch("quad4", (2, 3), lower=lower, upper=upper, outward=-1))
+    r = p.integrate("dual")
+    assert r["coverage"].min() < -1e-3 * r["area"]
+
+    xi, w = oracle.facet_rule(kind, 6)
+    whole = w @ oracle.shape_functions(kind, xi)[0] @ oracle.transformation(kind, "dual")
+    carries = r["coverage"] > 0.02 * whole
+    assert carries.any() and not carries.all()
+    s = p.integrate("dual", carries=carries)
+    assert not s["D_tilde"][~carries].any() and not s["M"][~carries].any()
+    D = s["D_tilde"][np.ix_(carries, carries)]
+    assert np.abs(D - np.diag(r["coverage"][carries])).max() < 1e-13
+    assert s["D"].sum(axis=0) == pytest.approx(r["D"].sum(axis=0), abs=1e-13)
+    assert s["M"].sum(axis=0) == pytest.approx(r["M"].sum(axis=0), abs=1e-13)
+
+
+@pairings
+@multipliers
+@integrations
+@pytest.mark.parametrize("covered", [True, False], ids=["covered", "partly covered"])
+def test_partition_of_unity(pairing, multiplier, integration, covered):
+    """The functions add up to one: column sums of D are integrals of N, of nodes that share too."""
+    rng = np.random.default_rng(5)
+    for seed in range(2):
+        p = random_pairing(*pairing, seed, covered=covered)
+        n = len(p.slave.x)
+        some = np.ones(n, bool)
+        some[rng.permutation(oracle.num_corners(pairing[0]))[:2]] = False
+        whole = p.integrate("standard", integration)
+        if not whole["covered"]:
+            continue
+        inner = p.integrate("standard", integration)["D"].sum(axis=0)
+        for carries in (np.ones(n, bool), some):
+            r = p.integrate(multiplier, integration, carries=carries)
+            assert np.abs(r["D"].sum(axis=0) - inner).max() < 1e-13 * r["area"]
+            assert r["D"].sum() == pytest.approx(r["area"], rel=1e-13)
+
+
+@pairings
+@multipliers
+@integrations
+@pytest.mark.parametrize("covered", [True, False], ids=["covered", "partly covered"])
+def test_row_sums(pairing, multiplier, integration, covered):
+    """Of D and M are equal, for any rule: a translation has no effect, and forces balance."""
+    for seed, degree in enumerate((None, 5, 7)):
+        p = random_pairing(*pairing, seed, covered=covered)
+        r = p.integrate(multiplier, integration, degree=degree)
+        if r["covered"]:
+            scale = np.abs(r["M"]).sum(axis=1).max()
+            assert np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() < 1e-13 * scale
+
+
+@kinds
+def test_inverse(kind):
+    """D^-1 = T D~^-1, exact, and as sparse as T."""
+    for seed in range(3):
+        r = random_pairing(kind, "tri6", seed).integrate("dual")
+        T = cpp.transformation(SPACE["dual"], TYPE[kind])
+        inverse = T / r["diagonal"]
+        assert np.abs(inverse @ r["D"] - np.eye(len(T))).max() < 1e-12
+        assert np.count_nonzero(inverse) == np.count_nonzero(T)
+
+
+@pairings
+@multipliers
+def test_constant_traction(pairing, multiplier):
+    """A constant multiplier gives each master node the force of a constant traction."""
+    p = random_pairing(*pairing, 3)
+    r, s = p.integrate(multiplier), p.integrate("standard")
+    assert np.abs(r["M"].sum(axis=0) - s["M"].sum(axis=0)).max() < 1e-13 * r["area"]
