@@ -225,6 +225,11 @@ class Contact(Interface):
         return self._field("slip", self._scatter(self._total_slip))
 
     @property
+    def dissipation(self) -> float:
+        """Energy that friction took in the last step, never negative. Collective."""
+        return self._layout.comm.allreduce(getattr(self, "_dissipation", 0.0))
+
+    @property
     def status(self) -> fem.Function:
         """0 open, 1 stick, 2 slip (frictionless contact: always 2). Collective."""
         values = self._scatter(self._status.astype(np.float64)[:, None])

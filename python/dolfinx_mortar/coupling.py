@@ -348,10 +348,12 @@ class Coupling:
                 motion = c._motion
                 n = c._configuration.normals[: c.num_owned]
                 slip = np.sum(motion * n, axis=1)[:, None] * n - motion
-                slip[c._status == OPEN] = 0.0
-                c._total_slip = np.where(
-                    (c._status == OPEN)[:, None], 0.0, c._total_slip + slip
-                )
+                closed = (c._status != OPEN)[:, None]
+                slip = np.where(closed, slip, 0.0)
+                c._dissipation = float(np.sum(c._law_arguments[0] * slip))
+                # An average of slip, from slip times area
+                weight = np.where(closed, c._nodal["weight"][: c.num_owned, None], 1.0)
+                c._total_slip = np.where(closed, c._total_slip + slip / weight, 0.0)
         if self.contacts and any(c.is_frictional for c in self.contacts):
             if self._B_old is not None:
                 self._B_old.destroy()
