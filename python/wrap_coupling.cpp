@@ -48,7 +48,9 @@ void wrap_coupling(nb::module_& m)
                 Interface{slave,           master,
                           {space, integration, degree},
                           search_distance, copy(multipliers),
-                          copy(carries),   copy(fixed)};
+                          copy(carries),
+                          std::vector<std::int8_t>(carries.size(), 0),
+                          copy(fixed)};
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space"),
           nb::arg("integration"), nb::arg("degree").none(),
@@ -64,6 +66,16 @@ void wrap_coupling(nb::module_& m)
           [](Interface& self, In<std::int8_t> v) { self.carries = copy(v); },
           nb::rv_policy::automatic,
           "Flags of local slave nodes that carry a multiplier")
+      .def_prop_rw(
+          "positive",
+          [](const Interface& self)
+          {
+            return as_array(std::vector<std::int8_t>(self.positive),
+                            {self.positive.size()});
+          },
+          [](Interface& self, In<std::int8_t> v) { self.positive = copy(v); },
+          nb::rv_policy::automatic,
+          "Flags of local slave nodes with positive functions")
       .def_ro("slave", &Interface::slave)
       .def_ro("master", &Interface::master);
 
@@ -108,6 +120,8 @@ void wrap_coupling(nb::module_& m)
         d["dropped_area"] = r.dropped_area;
         d["num_covered"] = r.num_covered;
         d["num_pairs"] = r.num_pairs;
+        const std::size_t facets = r.facet_area.size();
+        d["facet_area"] = as_array(std::move(r.facet_area), {facets});
         d["num_orphans"] = r.num_orphans;
         d["orphan"] = r.orphan;
         return d;
@@ -152,6 +166,17 @@ void wrap_coupling(nb::module_& m)
       },
       nb::arg("interface"), nb::arg("x"),
       "Integrals of the transformed functions over the whole slave surface.");
+
+  m.def(
+      "flag_positive",
+      [](const Interface& interface, In<double> x, In<double> covered)
+      {
+        auto flags = flag_positive(interface, span(x), span(covered));
+        const std::size_t n = flags.size();
+        return as_array(std::move(flags), {n});
+      },
+      nb::arg("interface"), nb::arg("x"), nb::arg("covered"),
+      "Flags of nodes with positive functions. Collective.");
 
   m.def(
       "insert_transformation",

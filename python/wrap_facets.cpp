@@ -111,13 +111,23 @@ void wrap_facets(nb::module_& m)
       nb::arg("type"), nb::arg("xi"),
       "Shape functions: N, N,1, N,2, N,11, N,12, N,22; shape (6, n).");
   m.def(
-      "transformation", [](MultiplierSpace s, FacetType t)
-      { return matrix(transformation(s, t)); }, nb::arg("space"),
-      nb::arg("type"), "Basis transformation T of a facet.");
+      "transformation",
+      [](MultiplierSpace s, FacetType t, std::optional<In<std::int8_t>> positive)
+      {
+        return matrix(transformation(
+            s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
+      },
+      nb::arg("space"), nb::arg("type"),
+      nb::arg("positive").none() = nb::none(), "Basis transformation T of a facet.");
   m.def(
-      "inverse_transformation", [](MultiplierSpace s, FacetType t)
-      { return matrix(inverse_transformation(s, t)); }, nb::arg("space"),
-      nb::arg("type"), "Inverse of the basis transformation of a facet.");
+      "inverse_transformation",
+      [](MultiplierSpace s, FacetType t, std::optional<In<std::int8_t>> positive)
+      {
+        return matrix(inverse_transformation(
+            s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
+      },
+      nb::arg("space"), nb::arg("type"),
+      nb::arg("positive").none() = nb::none(), "Inverse of the basis transformation of a facet.");
   m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"));
   m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"));
 
@@ -168,7 +178,7 @@ void wrap_facets(nb::module_& m)
          const std::vector<FacetType>& types, In<std::int8_t> orientation,
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
-         Derivatives derivatives)
+         Derivatives derivatives, std::optional<In<std::int8_t>> positive)
       {
         FacetList list;
         list.types = types;
@@ -184,7 +194,9 @@ void wrap_facets(nb::module_& m)
         FacetIntegrator integrator({space, integration, degree});
         const FacetIntegrals& r = integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
-            span(carries), span(z), list, masters, derivatives);
+            span(carries),
+            positive ? span(*positive) : std::span<const std::int8_t>(),
+            span(z), list, masters, derivatives);
         nb::dict d;
         d["covered"] = r.covered;
         d["area"] = r.area;
@@ -214,5 +226,6 @@ void wrap_facets(nb::module_& m)
       nb::arg("master_types"), nb::arg("master_orientation"),
       nb::arg("master_blocks"), nb::arg("masters"), nb::arg("space"),
       nb::arg("integration"), nb::arg("degree").none(), nb::arg("derivatives"),
+      nb::arg("positive").none() = nb::none(),
       "Mortar integrals of one slave facet, see FacetIntegrator.");
 }

@@ -39,7 +39,7 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
   const Surface& s = interface.slave;
   FacetIntegrator integrator(interface.options);
   std::vector<double> x, n, zf;
-  std::vector<std::int8_t> carries, wanted_f;
+  std::vector<std::int8_t> carries, positive, wanted_f;
   std::string message;
   try
   {
@@ -65,8 +65,10 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
       gather(nodes, std::span<const double>(conf.normals.n), 3, n);
       gather(nodes, std::span<const std::int8_t>(interface.carries), 1,
              carries);
+      gather(nodes, std::span<const std::int8_t>(interface.positive), 1,
+             positive);
       const FacetIntegrals& r = integrator.compute(
-          {s.types[f], s.orientation[f], x}, n, carries, zf,
+          {s.types[f], s.orientation[f], x}, n, carries, positive, zf,
           conf.candidates.master,
           std::span(conf.candidates.facets).subspan(begin, end - begin),
           derivatives);
@@ -105,6 +107,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   // Columns of nodal values: coverage, diagonal, weight, gap, offset
   std::vector<double> nodal(7 * num, 0.0);
   NodalIntegrals out;
+  out.facet_area.resize(s.types.size(), 0.0);
   BlockAccumulator<1, 1> D, M, B, B_tilde;
   std::vector<std::int64_t> rows, columns;
   for_each_facet(
@@ -130,6 +133,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
         if (!r.covered)
           return;
         out.area += r.area;
+        out.facet_area[f] = r.area;
         ++out.num_covered;
         out.num_pairs += configuration.candidates.offsets[f + 1]
                          - configuration.candidates.offsets[f];
@@ -261,11 +265,15 @@ void dolfinx_mortar::insert_transformation(const Interface& interface,
 {
   const Surface& s = interface.slave;
   const MultiplierSpace space = interface.options.space;
+  std::vector<std::int8_t> positive;
   for (std::int32_t f = 0; f < static_cast<std::int32_t>(s.types.size()); ++f)
   {
-    const FacetMatrix Te = inverse ? inverse_transformation(space, s.types[f])
-                                   : transformation(space, s.types[f]);
     auto nodes = facet_nodes(s, f);
+    gather(nodes, std::span<const std::int8_t>(interface.positive), 1,
+           positive);
+    const FacetMatrix Te
+        = inverse ? inverse_transformation(space, s.types[f], positive)
+                  : transformation(space, s.types[f], positive);
     for (std::size_t i = 0; i < nodes.size(); ++i)
     {
       for (std::size_t j = 0; j < nodes.size(); ++j)
@@ -325,6 +333,7 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
   std::vector<double> weights(num_local_nodes(s), 0.0);
   std::map<FacetType, QuadratureRule> rules;
   Shapes shapes;
+  std::vector<std::int8_t> positive;
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
     const FacetType type = s.types[f];
@@ -332,8 +341,11 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
     auto [it, made] = rules.try_emplace(type);
     if (made)
       it->second = create_rule(num_corners(type), 2 * total_degree(type));
-    const FacetMatrix T = transformation(interface.options.space, type);
     auto nodes = facet_nodes(s, f);
+    gather(nodes, std::span<const std::int8_t>(interface.positive), 1,
+           positive);
+    const FacetMatrix T
+        = transformation(interface.options.space, type, positive);
     for (std::size_t q = 0; q < it->second.weights.size(); ++q)
     {
       tabulate(type,
@@ -357,6 +369,71 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
   scatter_reverse_add(s, std::span<double>(weights), 1);
   scatter_forward(s, std::span<double>(weights), 1);
   return weights;
+}
+//-----------------------------------------------------------------------------
+std::vector<std::int8_t>
+dolfinx_mortar::flag_positive(const Interface& interface,
+                              std::span<const double> x,
+                              std::span<const double> covered)
+{
+  const Surface& s = interface.slave;
+  const std::int32_t num = num_local_nodes(s);
+  std::vector<std::int8_t> flags(num, 0);
+  if (interface.options.space != MultiplierSpace::dual)
+    return flags;
+
+  // Nodes of facets that are not covered as a whole
+  std::map<FacetType, QuadratureRule> rules;
+  std::vector<std::int32_t> open(num, 0);
+  Shapes shapes;
+  for (std::size_t f = 0; f < s.types.size(); ++f)
+  {
+    const FacetType type = s.types[f];
+    auto [it, made] = rules.try_emplace(type);
+    if (made)
+      it->second = create_rule(num_corners(type), 2 * total_degree(type));
+    auto nodes = facet_nodes(s, f);
+    double area = 0;
+    for (std::size_t q = 0; q < it->second.weights.size(); ++q)
+    {
+      tabulate(type,
+               {it->second.points[2 * q], it->second.points[2 * q + 1]}, 1,
+               shapes);
+      Eigen::Vector3d a1 = Eigen::Vector3d::Zero(), a2 = a1;
+      for (std::size_t k = 0; k < nodes.size(); ++k)
+      {
+        const Eigen::Map<const Eigen::Vector3d> xk(x.data() + 3 * nodes[k]);
+        a1 += shapes.dN[0][k] * xk;
+        a2 += shapes.dN[1][k] * xk;
+      }
+      area += it->second.weights[q] * a1.cross(a2).norm();
+    }
+    if (covered[f] < 0.999 * area)
+    {
+      for (auto k : nodes)
+        open[k] = 1;
+    }
+  }
+  scatter_reverse_add(s, std::span<std::int32_t>(open), 1);
+  scatter_forward(s, std::span<std::int32_t>(open), 1);
+
+  // Nodes of facets around
+  std::vector<std::int32_t> near(num, 0);
+  for (std::size_t f = 0; f < s.types.size(); ++f)
+  {
+    auto nodes = facet_nodes(s, f);
+    if (std::any_of(nodes.begin(), nodes.end(),
+                    [&](auto k) { return open[k] > 0; }))
+    {
+      for (auto k : nodes)
+        near[k] = 1;
+    }
+  }
+  scatter_reverse_add(s, std::span<std::int32_t>(near), 1);
+  scatter_forward(s, std::span<std::int32_t>(near), 1);
+  for (std::int32_t i = 0; i < num; ++i)
+    flags[i] = near[i] > 0;
+  return flags;
 }
 //-----------------------------------------------------------------------------
 Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,

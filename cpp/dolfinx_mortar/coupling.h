@@ -40,6 +40,10 @@ struct Interface
   /// Non-zero for local slave nodes that carry a multiplier
   std::vector<std::int8_t> carries;
 
+  /// Non-zero for local slave nodes with positive functions, see
+  /// transformation
+  std::vector<std::int8_t> positive;
+
   /// Non-zero for components of local slave nodes whose displacement is
   /// prescribed, shape (n, 3)
   std::vector<std::int8_t> fixed;
@@ -87,6 +91,9 @@ struct NodalIntegrals
 
   /// Covered area, and area left out as slivers, of the facets of this rank
   double area = 0, dropped_area = 0;
+
+  /// Covered area of each facet of this rank, shape (num_facets)
+  std::vector<double> facet_area;
 
   /// Number of facets of this rank that some master covers, and of pairs
   std::int64_t num_covered = 0, num_pairs = 0;
@@ -164,6 +171,16 @@ void insert_transformation(const Interface& interface, bool inverse, Mat T);
 /// @return Weight (area) of each local slave node, shape (n).
 std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const double> x);
+
+/// @brief Flag the nodes that get positive functions: those of facets that
+/// masters cover in part, and of all facets around them. Collective.
+/// @param[in] interface Interface.
+/// @param[in] x Positions of the local slave nodes, shape (n, 3).
+/// @param[in] covered Covered area of each facet, see NodalIntegrals.
+/// @return Flag of each local slave node, shape (n).
+std::vector<std::int8_t> flag_positive(const Interface& interface,
+                                       std::span<const double> x,
+                                       std::span<const double> covered);
 
 /// @brief Insert a block diagonal: block i starts at row `first_row + rows i`
 /// and column `first_column + columns i`.

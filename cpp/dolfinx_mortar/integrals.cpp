@@ -180,6 +180,7 @@ const FacetIntegrals&
 FacetIntegrator::compute(const FacetView& slave,
                          std::span<const double> normals,
                          std::span<const std::int8_t> carries,
+                         std::span<const std::int8_t> positive,
                          std::span<const double> z, const FacetList& list,
                          std::span<const std::int32_t> masters,
                          Derivatives derivatives)
@@ -245,8 +246,9 @@ FacetIntegrator::compute(const FacetView& slave,
   const bool dual = is_dual(space);
   const int n = num_nodes(slave.type), nl = num_multipliers(space, slave.type);
   const int m = r.master_blocks.size();
-  const FacetMatrix T = transformation(space, slave.type);
-  const FacetMatrix T_inv = inverse_transformation(space, slave.type);
+  const FacetMatrix T = transformation(space, slave.type, positive);
+  const FacetMatrix T_inv
+      = inverse_transformation(space, slave.type, positive);
 
   // ∫ Ñ_j Ñ_k, ∫ Ñ_j N_l and ∫ Ñ_j (gap, offset)
   RowMatrix S = RowMatrix::Zero(nl, n);

@@ -94,6 +94,8 @@ public:
   /// @param[in] carries Non-zero for nodes that carry a multiplier, shape (n).
   /// The functions Φ of the other multiplier nodes of the space are shared
   /// equally among those.
+  /// @param[in] positive Flags of nodes for the basis transformation, see
+  /// transformation; shape (n) or empty.
   /// @param[in] z Nodal multipliers, shape (n, 3); used for derivatives only.
   /// @param[in] list Facets that `masters` refers to.
   /// @param[in] masters Candidate master facets.
@@ -103,6 +105,7 @@ public:
   const FacetIntegrals& compute(const FacetView& slave,
                                 std::span<const double> normals,
                                 std::span<const std::int8_t> carries,
+                                std::span<const std::int8_t> positive,
                                 std::span<const double> z,
                                 const FacetList& list,
                                 std::span<const std::int32_t> masters,

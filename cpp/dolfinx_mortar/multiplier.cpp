@@ -7,30 +7,54 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-/// Share of an edge function that goes to each corner, and what the edge
-/// function keeps.
+/// Shares of functions: Ñ_c gets `corner` of an edge function, which keeps
+/// `edge`.
 struct EdgeShare
 {
   double corner, edge;
 };
 
-EdgeShare edge_share(MultiplierSpace space, FacetType type)
+EdgeShare edge_share(MultiplierSpace space, FacetType type, bool positive)
 {
   if (!is_second_order(type))
     return {0, 1};
   else if (space == MultiplierSpace::dual)
   {
     // One value for tri6 and quad8 keeps mixed surfaces continuous
-    constexpr double alpha = 0.2;
+    double alpha = 0;
     if (type == FacetType::quad9)
-      return {0, 1};
+      alpha = positive ? 0.25 : 0;
     else
-      return {alpha, 1 - 2 * alpha};
+      alpha = positive ? 0.375 : 0.2;
+    return {alpha, 1 - 2 * alpha};
   }
   else if (space == MultiplierSpace::standard and type == FacetType::quad9)
     return {0, 1};
   else
     return {0.5, 1};
+}
+
+/// Shares of the centre function of a quad9 that go to each corner and to each
+/// edge, and what it keeps.
+struct CentreShare
+{
+  double corner, edge, centre;
+};
+
+CentreShare centre_share(MultiplierSpace space, bool positive)
+{
+  switch (space)
+  {
+  case MultiplierSpace::dual_linear:
+    // Bilinear functions are one quarter at the centre
+    return {0.25, 0, 1};
+  case MultiplierSpace::dual:
+    if (positive)
+      return {1.0 / 16, 1.0 / 8, 1.0 / 4};
+    return {0, 0, 1};
+  default:
+    return {0, 0, 1};
+  }
 }
 } // namespace
 
@@ -48,45 +72,62 @@ int dolfinx_mortar::num_multipliers(MultiplierSpace space, FacetType type)
   }
 }
 //-----------------------------------------------------------------------------
-FacetMatrix dolfinx_mortar::transformation(MultiplierSpace space,
-                                           FacetType type)
+FacetMatrix
+dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
+                               std::span<const std::int8_t> positive)
 {
   const int n = num_nodes(type), nc = num_corners(type);
-  const EdgeShare share = edge_share(space, type);
   FacetMatrix T = FacetMatrix::Identity(n, n);
-  if (is_second_order(type))
+  if (!is_second_order(type))
+    return T;
+  const auto edges = edge_corners(type);
+  for (int e = 0; e < nc; ++e)
   {
-    const auto edges = edge_corners(type);
-    for (int e = 0; e < nc; ++e)
-    {
-      for (int c : edges[e])
-        T(nc + e, c) = share.corner;
-      T(nc + e, nc + e) = share.edge;
-    }
-    // Bilinear functions are one quarter at the centre
-    if (type == FacetType::quad9 and share.corner > 0)
-      T.block(8, 0, 1, 4).setConstant(0.25);
+    const EdgeShare s = edge_share(
+        space, type, !positive.empty() and positive[nc + e]);
+    for (int c : edges[e])
+      T(nc + e, c) = s.corner;
+    T(nc + e, nc + e) = s.edge;
+  }
+  if (type == FacetType::quad9)
+  {
+    const CentreShare s
+        = centre_share(space, !positive.empty() and positive[8]);
+    T.block(8, 0, 1, 4).setConstant(s.corner);
+    T.block(8, 4, 1, 4).setConstant(s.edge);
+    T(8, 8) = s.centre;
   }
   return T;
 }
 //-----------------------------------------------------------------------------
-FacetMatrix dolfinx_mortar::inverse_transformation(MultiplierSpace space,
-                                                   FacetType type)
+FacetMatrix
+dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
+                                       std::span<const std::int8_t> positive)
 {
   const int n = num_nodes(type), nc = num_corners(type);
-  const EdgeShare share = edge_share(space, type);
   FacetMatrix T = FacetMatrix::Identity(n, n);
-  if (is_second_order(type))
+  if (!is_second_order(type))
+    return T;
+  // d̃_e = (d_e - α (d_a + d_b)) / (1 - 2 α)
+  const auto edges = edge_corners(type);
+  for (int e = 0; e < nc; ++e)
   {
-    const auto edges = edge_corners(type);
-    for (int e = 0; e < nc; ++e)
-    {
-      for (int c : edges[e])
-        T(nc + e, c) = -share.corner / share.edge;
-      T(nc + e, nc + e) = 1 / share.edge;
-    }
-    if (type == FacetType::quad9 and share.corner > 0)
-      T.block(8, 0, 1, 4).setConstant(-0.25);
+    const EdgeShare s = edge_share(
+        space, type, !positive.empty() and positive[nc + e]);
+    for (int c : edges[e])
+      T(nc + e, c) = -s.corner / s.edge;
+    T(nc + e, nc + e) = 1 / s.edge;
+  }
+  if (type == FacetType::quad9)
+  {
+    // d̃_9 = (d_9 - γ Σ d̃_c - δ Σ d̃_e) / ε
+    const CentreShare s
+        = centre_share(space, !positive.empty() and positive[8]);
+    FacetMatrix row = FacetMatrix::Zero(1, 9);
+    row(0, 8) = 1;
+    row -= s.corner * T.topRows(4).colwise().sum();
+    row -= s.edge * T.middleRows(4, 4).colwise().sum();
+    T.row(8) = row / s.centre;
   }
   return T;
 }

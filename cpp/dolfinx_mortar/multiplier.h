@@ -26,18 +26,30 @@ constexpr bool is_dual(MultiplierSpace space)
 
 /// @brief Basis transformation of a facet, Ñᵀ = Nᵀ T (equations 4.5, 4.13).
 ///
-/// - dual: Ñ_c = N_c + α Σ_{e∋c} N_e, Ñ_e = (1 - 2α) N_e, α = 1/5 on tri6 and
-///   quad8, T = I elsewhere;
+/// - dual: Ñ_c = N_c + Σ_{e∋c} α_e N_e, Ñ_e = (1 - 2 α_e) N_e, with α = 1/5 on
+///   tri6 and quad8 and T = I elsewhere;
 /// - dual-linear, and standard on tri6 and quad8: Ñ_c = N_c + ½ Σ_{e∋c} N_e
 ///   (+ ¼ N_centre), Ñ_e = N_e.
 ///
-/// T depends on connectivity alone: entries of nodes shared by facets agree.
+/// Where a master covers only a part of a facet, ∫ Ñ_k over this part can be
+/// negative, and a weighted gap would have the wrong sign. Edges (and centres)
+/// flagged as `positive` get α = 3/8 on tri6 and quad8, and Bernstein's
+/// functions (α = 1/4, centre ¼ N, its shares 1/16 and 1/8) on quad9: the Ñ of
+/// a facet all of whose edges are flagged are nowhere negative, and still add
+/// up to one.
+///
+/// T depends on connectivity and flags alone: entries of nodes shared by facets
+/// agree.
+/// @param[in] positive Flags of the nodes of the facet, or empty; those of
+/// corners do not matter.
 /// @return T, shape (num_nodes, num_nodes).
-FacetMatrix transformation(MultiplierSpace space, FacetType type);
+FacetMatrix transformation(MultiplierSpace space, FacetType type,
+                           std::span<const std::int8_t> positive = {});
 
 /// @brief Inverse of the basis transformation, d̃ = T⁻¹ d (equations 4.6,
 /// 4.14); exact.
-FacetMatrix inverse_transformation(MultiplierSpace space, FacetType type);
+FacetMatrix inverse_transformation(MultiplierSpace space, FacetType type,
+                                   std::span<const std::int8_t> positive = {});
 
 /// @brief Symmetric positive definite matrix, factorised with its diagonal
 /// scaled to one (mass matrices of barely covered facets are close to

@@ -53,14 +53,10 @@ class Coupling:
         self._B = self._B_tilde = None
         self._B_old: PETSc.Mat | None = None
         self._history: list[bytes] = []
-        spaces = {i.multiplier_space for i in self.interfaces}
-        self._T = self.transformation(self.interfaces, False) if spaces else None
-        if self._T is not None and self._is_identity(self._T):
-            self._T = None
-        self._T_minus_one = None
-        if self._T is not None:
-            self._T_minus_one = self._T.copy()
-            self._T_minus_one.shift(-1.0)
+        self._accepted: tuple[npt.NDArray, npt.NDArray] | None = None
+        self._T = self._T_minus_one = None
+        if self.interfaces:
+            self._update_transformation()
         self._integrate_ties()
 
     # -- Set-up ---------------------------------------------------------------
@@ -194,11 +190,11 @@ class Coupling:
         if not self.ties:
             return
         for tie in self.ties:
-            tie._configuration = cpp.configure(tie._data, *tie._positions(None))
-            nodal = cpp.integrate(tie._data, tie._configuration)
-            tie._check_orphans(nodal)
-            self._check_met(tie, nodal)
-            tie._drop_uncovered(nodal)
+            self._choose_multipliers(tie, None)
+            tie._check_orphans(tie._nodal)
+            self._check_met(tie, tie._nodal)
+            tie._drop_uncovered(tie._nodal)
+        self._update_transformation()
         self._B_ties = self._assemble_B(self.ties)
 
     def _check_met(self, interface: Interface, nodal: dict) -> None:
@@ -295,18 +291,53 @@ class Coupling:
     def begin(self, u_all: npt.NDArray, u: npt.NDArray) -> None:
         """Prepare a solve that starts from the displacement ``u``. Collective."""
         self._history = []
-        self._evaluations = 0
+        if not self.contacts:
+            return
+        if self._accepted is None:
+            self._accepted = u_all.copy(), u.copy()
+        self.release_matrices()
+        changed = [self._choose_multipliers(c, u_all) for c in self.contacts]
+        if any(changed):
+            self._update_transformation()
         for c in self.contacts:
+            c._drop_uncovered(c._nodal)
             if not hasattr(c, "_total_slip"):
                 c._total_slip = np.zeros((c.num_owned, 3))
-            # Slave nodes that masters do not cover can not carry a multiplier
-            c._data.carries = c._candidates
-            c._evaluate_geometry(None if c.geometry == "reference" else u_all, None, None)
-            c._drop_uncovered(c._nodal)
-        if self.contacts and any(c.is_frictional for c in self.contacts) and self._B_old is None:
-            B, B_tilde = self._assemble_contacts(u_all)
-            self._B_old = B
-            self._u_old = u.copy()
+        if any(c.is_frictional for c in self.contacts):
+            # The old matrices need the multipliers of this step
+            self._B_old = self._assemble_contacts(self._accepted[0])[0]
+
+    def _choose_multipliers(self, interface: Interface, u_all: npt.NDArray | None) -> bool:
+        """Adapt the multipliers to what masters cover in a configuration. Collective.
+
+        Returns:
+            True where that changes the basis transformation.
+        """
+        i = interface
+        if isinstance(i, Tie) or i.geometry == "reference":
+            u_all = None
+        x = i._positions(u_all)
+        i._configuration = i._configure(u_all)
+        i._data.carries = i._candidates
+        i._nodal = cpp.integrate(i._data, i._configuration)
+        positive = np.asarray(cpp.flag_positive(i._data, x[0], i._nodal["facet_area"]))
+        changed = self.comm.allreduce(
+            bool(np.any(positive != i._data.positive)), op=MPI.LOR
+        )
+        if changed:
+            i._data.positive = positive
+            i._weights = np.asarray(cpp.nodal_weights(i._data, i._surface_slave.X))
+            i._nodal = cpp.integrate(i._data, i._configuration)
+        return changed
+
+    def _update_transformation(self) -> None:
+        self._T = self.transformation(self.interfaces, False)
+        self._T_minus_one = None
+        if self._is_identity(self._T):
+            self._T = None
+        else:
+            self._T_minus_one = self._T.copy()
+            self._T_minus_one.shift(-1.0)
 
     def _assemble_contacts(self, u_all: npt.NDArray) -> tuple[PETSc.Mat, PETSc.Mat]:
         for c in self.contacts:
@@ -319,15 +350,16 @@ class Coupling:
         self._history = []
         self.release_matrices()
         if self.contacts:
-            B, _ = self._assemble_contacts(u_all)
-            self._B_old, self._u_old = B, u.copy()
+            self._accepted = u_all.copy(), u.copy()
+            self.begin(u_all, u)
             self.evaluate(u_all, u, z, None)
 
     def release_matrices(self) -> None:
         """Forget matrices of earlier states."""
-        if self._contact_B_pair is not None and not self._contact_is_frozen:
-            self._contact_B_pair = None
-        self._B_old = None
+        pair = self._contact_B_pair or ()
+        for A in {id(A): A for A in (*pair, self._B_old) if A is not None}.values():
+            A.destroy()
+        self._contact_B_pair = self._B_old = None
 
     def state(self):
         """What :meth:`restore` brings back."""
@@ -341,7 +373,7 @@ class Coupling:
             if slip is not None:
                 c._total_slip = slip
 
-    def accept(self) -> None:
+    def accept(self, u_all: npt.NDArray) -> None:
         """The present state is that of an accepted step. Collective."""
         for c in self.contacts:
             if c.is_frictional:
@@ -354,11 +386,8 @@ class Coupling:
                 # An average of slip, from slip times area
                 weight = np.where(closed, c._nodal["weight"][: c.num_owned, None], 1.0)
                 c._total_slip = np.where(closed, c._total_slip + slip / weight, 0.0)
-        if self.contacts and any(c.is_frictional for c in self.contacts):
-            if self._B_old is not None:
-                self._B_old.destroy()
-            self._B_old = self._contact_B.copy()
-            self._u_old = self._u.copy()
+        if self.contacts:
+            self._accepted = u_all.copy(), self._u.copy()
 
     # -- Residual -----------------------------------------------------------------
 
@@ -456,7 +485,7 @@ class Coupling:
             B.mult(vector_u, vector_z)
             reference = vector_z.array.copy()
             if self._B_old is not None:
-                vector_u.array[:] = self._u_old
+                vector_u.array[:] = self._accepted[1]
                 B.mult(vector_u, vector_z)
                 reference_old = vector_z.array.copy()
         for c in self.contacts:

@@ -195,6 +195,10 @@ class Interface:
             cpp.current_positions(self._surface_master, u_all),
         )
 
+    def _configure(self, u_all: npt.NDArray[np.float64] | None) -> cpp.Configuration:
+        """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
+        return cpp.configure(self._data, *self._positions(u_all))
+
     # -- Nodal values and fields --------------------------------------------
 
     @property
@@ -274,8 +278,7 @@ class Interface:
     def _matrices(self, u_all: npt.NDArray[np.float64] | None) -> tuple[PETSc.Mat, PETSc.Mat]:
         assert self._problem is not None
         D, M = self._problem._create_z_by_u(), self._problem._create_z_by_u()
-        configuration = cpp.configure(self._data, *self._positions(u_all))
-        cpp.integrate(self._data, configuration, D=D, M=M)
+        cpp.integrate(self._data, self._configure(u_all), D=D, M=M)
         D.assemble()
         M.assemble()
         return D, M

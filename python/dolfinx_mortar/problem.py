@@ -443,7 +443,7 @@ class ContactProblem:
                 raise ConvergenceError(self._explain_petsc(error), self.history) from error
             raise
         self._release_system()
-        self._coupling.accept()
+        self._coupling.accept(self._layout.all_local(self._functions))
         self._started = True
         return self.snes.getIterationNumber()
 
