@@ -59,7 +59,9 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     const Mat3 dz_tau = -zn * Mat3::Identity() - n * z.transpose();
     C = cg * n;
     Cg = state.c_n[j] * n;
-    Cn = cg * Mat3::Identity();
+    // In components along n and τ the turn of n does not move the gap into τ
+    if (!damped)
+      Cn = cg * Mat3::Identity();
     // Traction vanishes by symmetry where the displacement is prescribed
     auto release_fixed = [&]()
     {

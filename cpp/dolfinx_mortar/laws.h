@@ -96,8 +96,10 @@ struct ContactResidual
 /// from the values, shape (n).
 /// @param[in] damped Change the derivative of slipping nodes whose traction is
 /// outside of the cone, or points against their slip, as if it were on the cone
-/// (Hüeber, Stadler and Wohlmuth 2008). That is no derivative any more but
-/// leads Newton's method to the solution, where both agree, from further away.
+/// (Hüeber, Stadler and Wohlmuth 2008), and of nodes with a gap as if the
+/// equations were written in components along the turning normal. That is no
+/// derivative any more but leads Newton's method to the solution, where both
+/// agree, from further away.
 ContactResidual contact_residual(const ContactState& state,
                                  const Friction& friction,
                                  std::span<const Status> forced,

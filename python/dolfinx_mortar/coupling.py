@@ -520,8 +520,8 @@ class Coupling:
         for c in self.contacts:
             if c.is_frictional:
                 c._rescale()
-                c._evaluate_law(*c._law_arguments, damped=True)
-                f_z[self.slice(c)] = c._law["value"].ravel()
+            c._evaluate_law(*c._law_arguments, damped=True)
+            f_z[self.slice(c)] = c._law["value"].ravel()
         return f_z
 
     # -- Linearisation ------------------------------------------------------------
