@@ -57,9 +57,9 @@ class Contact(Interface):
         **options: Any,
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
-        if friction is not None and friction < 0:
-            raise ValueError(f"The coefficient of friction is {friction}, but can not be negative.")
-        if tresca is not None and tresca < 0:
+        if friction is not None and not friction >= 0:
+            raise ValueError(f"friction (Coulomb's) is {friction}, but can not be negative.")
+        if tresca is not None and not tresca >= 0:
             raise ValueError(f"Tresca's bound is {tresca}, but can not be negative.")
         if friction and tresca is not None:
             raise ValueError("Give either friction (Coulomb) or tresca, not both.")

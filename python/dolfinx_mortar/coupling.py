@@ -19,6 +19,11 @@ from .contact import OPEN, SLIP, STICK, Contact
 from .interfaces import Interface, Tie
 from .layout import Layout
 
+# What the fields of a contact are made of
+_STATE = (
+    "_total_slip", "_dissipation", "_configuration", "_nodal", "_law", "_gap_weighted", "_scale"
+)
+
 
 class Coupling:
     """Interfaces of a problem with their multipliers.
@@ -363,15 +368,18 @@ class Coupling:
 
     def state(self):
         """What :meth:`restore` brings back."""
+        # None of these is changed in place
         return [
-            (c, c._total_slip.copy() if hasattr(c, "_total_slip") else None) for c in self.contacts
+            (c, {k: getattr(c, k) for k in _STATE if hasattr(c, k)}, c._data.carries)
+            for c in self.contacts
         ]
 
     def restore(self, state) -> None:
         """Go back to an earlier state."""
-        for c, slip in state:
-            if slip is not None:
-                c._total_slip = slip
+        for c, values, carries in state:
+            for name, value in values.items():
+                setattr(c, name, value)
+            c._data.carries = carries
 
     def accept(self, u_all: npt.NDArray) -> None:
         """The present state is that of an accepted step. Collective."""

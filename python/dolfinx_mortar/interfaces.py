@@ -208,9 +208,12 @@ class Interface:
 
     def _z(self) -> npt.NDArray[np.float64]:
         """Multipliers at the local slave nodes, shape (n, 3). Collective."""
+        return self._owner()._local_multipliers(self)
+
+    def _owner(self) -> ContactProblem:
         if self._problem is None:
             raise RuntimeError("The interface is not part of a ContactProblem yet.")
-        return self._problem._local_multipliers(self)
+        return self._problem
 
     def _spread(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Give nodes without a multiplier the mean of their facets' nodes that have one."""
@@ -276,8 +279,8 @@ class Interface:
     # -- Matrices -------------------------------------------------------------
 
     def _matrices(self, u_all: npt.NDArray[np.float64] | None) -> tuple[PETSc.Mat, PETSc.Mat]:
-        assert self._problem is not None
-        D, M = self._problem._create_z_by_u(), self._problem._create_z_by_u()
+        problem = self._owner()
+        D, M = problem._create_z_by_u(), problem._create_z_by_u()
         cpp.integrate(self._data, self._configure(u_all), D=D, M=M)
         D.assemble()
         M.assemble()
@@ -300,8 +303,7 @@ class Interface:
     @property
     def T(self) -> PETSc.Mat:
         """Basis transformation (equations 4.5, 4.13): displacement by displacement dofs."""
-        assert self._problem is not None
-        return self._problem._transformation([self], inverse=False)
+        return self._owner()._transformation([self], inverse=False)
 
     def _inverse(self) -> PETSc.Mat:
         if self.multiplier_space != "dual":
@@ -309,14 +311,12 @@ class Interface:
                 "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and constraints are "
                 f"not available with {self.multiplier_space!r}."
             )
-        assert self._problem is not None
-        return self._problem._coupling.inverse(self)
+        return self._owner()._coupling.inverse(self)
 
     @property
     def T_inverse(self) -> PETSc.Mat:
         """Exact inverse of T (equations 4.6, 4.14)."""
-        assert self._problem is not None
-        return self._problem._transformation([self], inverse=True)
+        return self._owner()._transformation([self], inverse=True)
 
     @property
     def D_inverse(self) -> PETSc.Mat:
@@ -373,5 +373,4 @@ class Tie(Interface):
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        assert self._problem is not None
-        return self._problem._coupling.constraints(self)
+        return self._owner()._coupling.constraints(self)
