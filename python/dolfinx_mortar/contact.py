@@ -174,16 +174,14 @@ class Contact(Interface):
         else:
             if not unheld:
                 return None
-            # Penetrating nodes hold the body already if there are enough of them
-            if comm.allreduce(int(np.sum(natural != OPEN))) > 2:
-                return None
             gap = self._nodal_gap()
             nearest = comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
             if not np.isfinite(nearest):
                 return None
-            # A patch of nodes keeps the body from tilting
+            # A patch of nodes keeps the body from tilting; where surfaces touch, round-off must
+            # not choose among their nodes
             size = np.sqrt(self._weights[:n])
-            closed = carries & (gap <= nearest + 0.2 * size)
+            closed = carries & ((natural != OPEN) | (gap <= max(nearest, 0.0) + 0.2 * size))
         state = np.where(closed, STICK if self.is_frictional else SLIP, OPEN)
         return state.astype(np.int8)
 
