@@ -1,0 +1,61 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Hertz's problem on coarse meshes: largest pressure, contact radius and force."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("gmsh")
+
+
+@pytest.fixture(scope="module")
+def demo():
+    path = Path(__file__).parents[1] / "demos" / "demo_hertz.py"
+    spec = importlib.util.spec_from_file_location("demo_hertz", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("material", ["neo-hooke", "st-venant-kirchhoff", "linear"])
+def test_pressure_and_radius(demo, material):
+    """3.2 cells along the radius: within 1.5 % of the axisymmetric values, the radius by a facet."""
+    u, contact = demo.measure("hex20", material, 0.2, 1)
+    result = demo.results[-1]
+    largest, radii = demo.REFERENCE[material, 0.2]
+    assert result["lambda_max"] == pytest.approx(largest, rel=0.015)
+    assert abs(result["contact_radius"] - np.mean(radii)) < result["h"]
+    assert result["smallest_pressure"] > 0
+    assert result["force_error"] < 1e-8
+    assert result["newton_iterations"] < 10
+    assert np.abs(contact.force + contact.master_force).max() < 1e-10 * contact.force[2]
+
+
+@pytest.mark.parametrize("element", ["hex8", "hex27", "tet10"])
+def test_elements(demo, element):
+    demo.measure(element, "neo-hooke", 0.2, 1)
+    result = demo.results[-1]
+    assert result["lambda_max"] == pytest.approx(18.533, rel=0.02)
+    assert abs(result["contact_radius"] - 1.024) < result["h"]
+    assert result["force_error"] < 1e-8
+    assert result["newton_iterations"] < 10
+
+
+def test_whole_hemisphere_is_four_quarters(demo):
+    demo.measure("hex20", "neo-hooke", 0.2, 0)
+    quarter = demo.results[-1]
+    demo.measure("hex20", "neo-hooke", 0.2, 0, full=True)
+    full = demo.results[-1]
+    assert full["lambda_max"] == pytest.approx(quarter["lambda_max"], rel=1e-8)
+    assert full["contact_radius"] == pytest.approx(quarter["contact_radius"], rel=1e-8)
+
+
+def test_quadratic_convergence(demo):
+    """The residual at the end is about the square of the one before."""
+    demo.measure("hex20", "neo-hooke", 0.2, 1)
+    before, last = demo.results[-1]["residuals"][-2:]
+    assert before < 1e-4
+    assert last < 10 * before**2 + 1e-13
