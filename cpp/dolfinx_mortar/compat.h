@@ -6,8 +6,13 @@
 #include <cstdint>
 #include <dolfinx/common/version.h>
 #include <dolfinx/fem/CoordinateElement.h>
+#include <dolfinx/fem/FiniteElement.h>
+#include <dolfinx/fem/FunctionSpace.h>
+#include <dolfinx/fem/utils.h>
 #include <dolfinx/mesh/Mesh.h>
+#include <memory>
 #include <span>
+#include <vector>
 
 #define DOLFINX_MORTAR_DOLFINX_AT_LEAST(major, minor)                          \
   (DOLFINX_VERSION_MAJOR > major                                               \
@@ -40,5 +45,22 @@ geometry_nodes(const dolfinx::mesh::Mesh<double>& mesh, std::int32_t cell)
 #endif
   const std::size_t n = dofmap.extent(1);
   return std::span<const std::int32_t>(dofmap.data_handle() + n * cell, n);
+}
+
+/// @brief Space of functions with three components, each of an element.
+inline std::shared_ptr<dolfinx::fem::FunctionSpace<double>>
+create_vector_space(std::shared_ptr<dolfinx::mesh::Mesh<double>> mesh,
+                    const basix::FiniteElement<double>& element)
+{
+  namespace fem = dolfinx::fem;
+  const std::vector<std::size_t> shape = {3};
+#if DOLFINX_MORTAR_DOLFINX_AT_LEAST(0, 10)
+  auto e = std::make_shared<const fem::FiniteElement<double>>(element, shape);
+  return std::make_shared<fem::FunctionSpace<double>>(
+      fem::create_functionspace<double>(mesh, e));
+#else
+  return std::make_shared<fem::FunctionSpace<double>>(
+      fem::create_functionspace<double>(mesh, element, shape));
+#endif
 }
 } // namespace dolfinx_mortar::compat

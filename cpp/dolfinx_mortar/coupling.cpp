@@ -84,6 +84,36 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
 } // namespace
 
 //-----------------------------------------------------------------------------
+Interface
+dolfinx_mortar::create_interface(Surface slave, Surface master,
+                                 const IntegrationOptions& options,
+                                 std::optional<double> search_distance)
+{
+  const std::size_t num = num_local_nodes(slave);
+  std::vector<std::int32_t> uses(num, 0);
+  for (std::size_t f = 0; f < slave.types.size(); ++f)
+  {
+    const int n = num_multipliers(options.space, slave.types[f]);
+    for (std::int32_t k : facet_nodes(slave, f).first(n))
+      uses[k] = 1;
+  }
+  // A rank may own nodes that only other ranks' facets touch
+  scatter_reverse_add(slave, std::span(uses), 1);
+  scatter_forward(slave, std::span(uses), 1);
+  std::vector<std::int8_t> carries(num);
+  std::transform(uses.begin(), uses.end(), carries.begin(),
+                 [](auto n) { return n > 0; });
+  std::vector<std::int64_t> multipliers = slave.numbers;
+  return {std::move(slave),
+          std::move(master),
+          options,
+          search_distance,
+          std::move(multipliers),
+          std::move(carries),
+          std::vector<std::int8_t>(num, 0),
+          std::vector<std::int8_t>(3 * num, 0)};
+}
+//-----------------------------------------------------------------------------
 Configuration dolfinx_mortar::configure(const Interface& interface,
                                         std::vector<double> x_slave,
                                         std::vector<double> x_master)

@@ -49,6 +49,22 @@ struct Interface
   std::vector<std::int8_t> fixed;
 };
 
+/// @brief An interface on its own, all of whose slave nodes take part: the
+/// corners carry multipliers, and the other nodes too where the space has
+/// functions for them. No displacement is prescribed.
+///
+/// Multipliers have the numbers of the slave nodes, so that a matrix has
+/// `3 * slave.num_owned` rows on each rank. Where some slave nodes are on
+/// Dirichlet boundaries or on other interfaces as well, change `fixed` and
+/// `carries`; where the masters cover the slave surface only in part, set
+/// `positive` from flag_positive after a first integrate. Collective.
+/// @param[in] slave,master Surfaces.
+/// @param[in] options Space, integration, degree.
+/// @param[in] search_distance See find_candidates.
+Interface create_interface(Surface slave, Surface master,
+                           const IntegrationOptions& options = {},
+                           std::optional<double> search_distance = {});
+
 /// @brief Current positions and averaged normals of an interface.
 struct Configuration
 {
