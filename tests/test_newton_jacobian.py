@@ -1,0 +1,182 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""The whole Newton system against finite differences of the whole residual.
+
+States are random: surfaces are distorted and do not match, multipliers are not in equilibrium. A
+term that is missing or wrong in a derivative shows there at once.
+"""
+
+import blocks
+import cases
+import dolfinx_mortar as dm
+import numpy as np
+import pytest
+from scipy.sparse import bmat, csr_matrix
+
+pytestmark = pytest.mark.serial
+
+OPEN, STICK, SLIP = 0, 1, 2
+
+
+def problem(slave, master, overhang=0.0, **options):
+    """Two blocks in contact, held at the bottom; each on a mesh of its own.
+
+    Args:
+        slave: Element of the upper block.
+        master: Element of the lower block.
+        overhang: Length by which the upper block stands over the lower one's edge.
+        **options: Of the contact.
+    """
+    s = overhang
+    parts = [
+        blocks.block("upper", slave, (s, s, 1), (1 + s, 1 + s, 1.5), (2, 2, 1)),
+        blocks.block("lower", master, (0, 0, 0), (1.05, 1.02, 1), (2, 1, 1)),
+    ]
+    faces = blocks.FACES
+    held = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
+    contact = cases.Interface("contact", [(0, faces["z-"])], [(1, faces["z+"])])
+    case = blocks.assemble(parts, [contact], held)
+    u = cases.displacements(case)
+    (contact,) = cases.make_interfaces(case, initial_active="all", **options)
+    bcs = cases.DirichletConditions(case).bcs
+    return dm.ContactProblem(cases.residuals(case, u), u, bcs=bcs, interfaces=[contact]), contact
+
+
+def sparse(A):
+    indptr, indices, values = A.getValuesCSR()
+    return csr_matrix((values, indices, indptr), shape=A.getSize())
+
+
+def random_state(p, contact, spread):
+    """Displacements and multipliers around a closed contact; the accepted state before it."""
+    rng = np.random.default_rng(7)
+    n = p._n_u
+    # What friction remembers is another distorted state
+    p._forced = p._cached = None
+    p._x.array[:n] = 4e-3 * rng.standard_normal(n)
+    p._x.array[n:] = 0.0
+    p._begin()
+    x = np.empty(n + p._n_z)
+    x[:n] = p._x.array[:n] + 4e-3 * rng.standard_normal(n)
+    normal = contact._configuration.normals[: contact.num_owned]
+    pressure = 20 + spread * rng.standard_normal(len(normal))
+    z = pressure[:, None] * normal + 4 * rng.standard_normal((len(normal), 3))
+    x[n:] = z.ravel()
+    p._forced = p._cached = None
+    return x
+
+
+def check(p, contact, x):
+    """Largest relative deviation of the Jacobian times a direction, and the states of nodes."""
+    n = p._n_u
+    p._evaluate(x)
+    if contact.is_frictional:
+        contact._rescale()  # what Newton's method does before it linearises
+    p._cached = None
+    p._evaluate(x)
+    status = contact._status.copy()
+    s = p._coupling.linearise(p._assemble_tangent(), x[n:])
+    K = sparse(s.K)
+    if getattr(s, "K_c", None) is not None:
+        K = K + sparse(s.K_c)
+    J = bmat([[K, sparse(s.B).T], [sparse(s.C_u), sparse(s.C_z)]]).tolil()
+    J[s.fixed] = 0.0
+    J[s.fixed, s.fixed] = 1.0
+    J = J.tocsr()
+    rng = np.random.default_rng(11)
+    worst, compared = 0.0, 0
+    for _ in range(4):
+        d = rng.standard_normal(len(x))
+        d[n:] *= 1000
+        exact = J @ d
+        best = np.inf
+        for h in (1e-6, 1e-7):
+            f = []
+            for step in (h, -h):
+                f.append(p._evaluate(x + step * d).copy())
+                if np.any(contact._status != status):
+                    break
+            else:
+                error = np.abs((f[0] - f[1]) / (2 * h) - exact)
+                best = min(
+                    best,
+                    max(
+                        error[part].max() / np.abs(exact[part]).max()
+                        for part in (slice(n), slice(n, None))
+                    ),
+                )
+        if np.isfinite(best):
+            compared += 1
+            worst = max(worst, best)
+    assert compared > 0
+    return worst, status
+
+
+# Friction that makes all nodes stick, slip, or some of each, in the states above
+FRICTION = {"frictionless": None, "stick": 50.0, "slip": 0.02, "mixed": 0.3}
+SECOND_ORDER = ("tet10", "hex20", "hex27")
+
+
+def expect(state, status):
+    closed = status[status != OPEN]
+    if state == "stick":
+        assert np.all(closed == STICK)
+    elif state == "mixed":
+        assert {STICK, SLIP} <= set(closed)
+    else:
+        assert np.all(closed == SLIP)
+    assert len(closed) > 4
+
+
+@pytest.mark.parametrize("state", FRICTION)
+@pytest.mark.parametrize("integration", ["segment", "element"])
+@pytest.mark.parametrize("overhang", [0.0, 0.3], ids=["covered", "partly covered"])
+def test_states(state, integration, overhang):
+    p, contact = problem(
+        "hex20",
+        "tet10",
+        overhang,
+        friction=FRICTION[state],
+        integration=integration,
+        c_n=1e3,
+        c_t=1e3,
+    )
+    # Some nodes are open where the pressures are spread
+    x = random_state(p, contact, spread=8.0 if state in ("frictionless", "mixed") else 1.0)
+    error, status = check(p, contact, x)
+    expect(state, status)
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("slave", SECOND_ORDER)
+@pytest.mark.parametrize("master", SECOND_ORDER)
+def test_second_order_pairs(slave, master):
+    p, contact = problem(slave, master, 0.3, friction=0.3, c_n=1e3, c_t=1e3)
+    error, status = check(p, contact, random_state(p, contact, spread=8.0))
+    expect("mixed", status)
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("pair", [("tet4", "hex8"), ("hex8", "tet10"), ("hex20", "hex8")], ids=str)
+def test_mixed_order_pairs(pair):
+    p, contact = problem(*pair, 0.3, friction=0.3, c_n=1e3, c_t=1e3)
+    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("multiplier", ["dual", "dual-linear", "standard"])
+@pytest.mark.parametrize("friction", [None, 0.3], ids=["frictionless", "friction"])
+@pytest.mark.parametrize("pair", [("hex20", "hex20"), ("tet10", "hex27")], ids="-".join)
+def test_multipliers(multiplier, friction, pair):
+    p, contact = problem(
+        *pair, 0.3, friction=friction, multiplier=multiplier, c_n=1e3, c_t=1e3
+    )
+    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    assert error < 1e-6
+
+
+@pytest.mark.parametrize("options", [{"tresca": 5.0}, {"geometry": "reference", "friction": 0.3}])
+def test_tresca_and_small_deformation(options):
+    p, contact = problem("hex20", "hex27", c_n=1e3, c_t=1e3, **options)
+    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    assert error < 1e-6
