@@ -472,8 +472,8 @@ Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,
   PetscInt begin, end, num_rows, num_columns;
   check(MatGetOwnershipRange(K, &begin, &end), "MatGetOwnershipRange");
   check(MatGetLocalSize(K, &num_rows, &num_columns), "MatGetLocalSize");
-  if (static_cast<PetscInt>(sources.size()) != num_rows)
-    throw std::invalid_argument("Each local row needs a source.");
+  if (static_cast<PetscInt>(sources.size()) != num_rows or num_rows % 3 != 0)
+    throw std::invalid_argument("Each local row needs a source, rows are blocks of 3.");
 
   std::vector<PetscInt> offsets = {0}, columns;
   std::vector<PetscScalar> values;
@@ -525,6 +525,7 @@ Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,
                     PETSC_DETERMINE),
         "MatSetSizes");
   check(MatSetType(A, MATAIJ), "MatSetType");
+  check(MatSetBlockSize(A, 3), "MatSetBlockSize");
   check(MatSeqAIJSetPreallocationCSR(A, offsets.data(), columns.data(),
                                      values.data()),
         "MatSeqAIJSetPreallocationCSR");

@@ -98,11 +98,17 @@ class LinearSolver:
         self.ksp.setOptionsPrefix(prefix)
         self.condense = condense
         self.comm = comm
-        self._near_nullspace: list[PETSc.Vec] | None = None
+        self._near_nullspace: PETSc.NullSpace | None = None
 
-    def set_near_nullspace(self, vectors: list[PETSc.Vec]) -> None:
-        """Rigid body modes of each body, for algebraic multigrid on the condensed system."""
-        self._near_nullspace = vectors
+    def set_rigid_body_modes(self, x: npt.NDArray[np.float64]) -> None:
+        """Tell algebraic multigrid on the condensed system the rigid motions. Collective.
+
+        Args:
+            x: Positions of the owned displacement dofs, shape (n_u,).
+        """
+        coordinates = PETSc.Vec().createMPI((len(x), None), bsize=3, comm=self.comm)
+        coordinates.array[:] = x
+        self._near_nullspace = PETSc.NullSpace().createRigidBody(coordinates)
 
     def solve(
         self, s: NewtonSystem, r_u: npt.NDArray[np.float64], r_z: npt.NDArray[np.float64]
@@ -111,7 +117,8 @@ class LinearSolver:
         return (self._condensed if self.condense else self._saddle)(s, r_u, r_z)
 
     def _run(self, A: PETSc.Mat, b: PETSc.Vec) -> PETSc.Vec:
-        A.setBlockSize(1)
+        if self._near_nullspace is not None:
+            A.setNearNullSpace(self._near_nullspace)
         self.ksp.setOperators(A)
         x = b.duplicate()
         self.ksp.solve(b, x)
@@ -172,6 +179,7 @@ class LinearSolver:
         c_rest = s.C_z.createVecLeft()
         s.C_z.mult(dz_vec, c_rest)
         b.array[s.own] += r_z[s.active] - c_rest.array[s.active]
+        self._equilibrate(s, A, b)
         b.array[s.fixed] = r_u[s.fixed]
         x = self._run(A, b)
         du = x.array.copy()
@@ -191,6 +199,23 @@ class LinearSolver:
         for obj in (N, E, A, b, x, residual, r_test, dz_vec, c_rest):
             obj.destroy()
         return du, dz
+
+    def _equilibrate(self, s, A: PETSc.Mat, b: PETSc.Vec) -> None:
+        """Give constraint rows the size, and the sign, of the tangent's rows.
+
+        Constraints are tractions, C_z = I - n nᵀ without friction: times -D̃ their tangential
+        part is the equilibrium of the node again. Normal parts become as stiff as the tangent.
+        """
+        scale = np.ones(s.K.getLocalSize()[0])
+        if s.tied:
+            stiffness = np.abs(s.K.getDiagonal().array[s.own])
+            scale[s.own] = stiffness / s.diagonal
+        else:
+            scale[s.own] = -s.diagonal
+        v = _vector(A, scale, "left")
+        A.diagonalScale(L=v)
+        b.pointwiseMult(b, v)
+        v.destroy()
 
     def _any(self, values: npt.NDArray[np.float64]) -> bool:
         return self.comm.allreduce(bool(np.any(values)), op=MPI.LOR)
