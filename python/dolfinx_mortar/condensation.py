@@ -45,6 +45,8 @@ class NewtonSystem:
         active: Local multiplier dofs (ascending) whose constraint involves displacements.
         own: Local displacement dof of the node of each of ``active``.
         diagonal: Entry of D̃ of each of ``active``.
+        projector: Directions of the constraints at each owned multiplier node, shape (n, 3, 3):
+            the identity for tied and sticking nodes, n nᵀ for sliding ones, else zero.
         fixed: Local displacement dofs with a Dirichlet condition.
         tied: True where all active constraints are ties (then K may be kept symmetric).
     """
@@ -59,6 +61,7 @@ class NewtonSystem:
     active: npt.NDArray[np.int32]
     own: npt.NDArray[np.int32]
     diagonal: npt.NDArray[np.float64]
+    projector: npt.NDArray[np.float64]
     fixed: npt.NDArray[np.int32]
     tied: bool
 
@@ -98,17 +101,26 @@ class LinearSolver:
         self.ksp.setOptionsPrefix(prefix)
         self.condense = condense
         self.comm = comm
-        self._near_nullspace: PETSc.NullSpace | None = None
+        self._multigrid: _ReducedPreconditioner | None = None
 
-    def set_rigid_body_modes(self, x: npt.NDArray[np.float64]) -> None:
-        """Tell algebraic multigrid on the condensed system the rigid motions. Collective.
+    def set_from_options(self, x: npt.NDArray[np.float64]) -> None:
+        """Take options from PETSc's database. Collective.
+
+        An iterative solver of the condensed system is preconditioned through the symmetric
+        system that is left when the constraints are eliminated; that is what ``pc_type`` is for.
 
         Args:
-            x: Positions of the owned displacement dofs, shape (n_u,).
+            x: Positions of the owned displacement dofs, shape (n_u,), for rigid body modes.
         """
-        coordinates = PETSc.Vec().createMPI((len(x), None), bsize=3, comm=self.comm)
-        coordinates.array[:] = x
-        self._near_nullspace = PETSc.NullSpace().createRigidBody(coordinates)
+        self.ksp.setFromOptions()
+        pc = self.ksp.getPC()
+        if self.condense and pc.getType() not in ("lu", "cholesky", "none", "python"):
+            inner = PETSc.PC().create(self.comm)
+            inner.setOptionsPrefix(self.ksp.getOptionsPrefix())
+            inner.setFromOptions()
+            self._multigrid = _ReducedPreconditioner(inner, x)
+            pc.setType("python")
+            pc.setPythonContext(self._multigrid)
 
     def solve(
         self, s: NewtonSystem, r_u: npt.NDArray[np.float64], r_z: npt.NDArray[np.float64]
@@ -117,9 +129,9 @@ class LinearSolver:
         return (self._condensed if self.condense else self._saddle)(s, r_u, r_z)
 
     def _run(self, A: PETSc.Mat, b: PETSc.Vec) -> PETSc.Vec:
-        if self._near_nullspace is not None:
-            A.setNearNullSpace(self._near_nullspace)
         self.ksp.setOperators(A)
+        if self._multigrid is not None:
+            self._multigrid.prepare(A)
         x = b.duplicate()
         self.ksp.solve(b, x)
         return x
@@ -181,6 +193,8 @@ class LinearSolver:
         b.array[s.own] += r_z[s.active] - c_rest.array[s.active]
         self._equilibrate(s, A, b)
         b.array[s.fixed] = r_u[s.fixed]
+        if self._multigrid is not None:
+            self._multigrid.system, self._multigrid.E = s, E
         x = self._run(A, b)
         du = x.array.copy()
 
@@ -207,11 +221,7 @@ class LinearSolver:
         part is the equilibrium of the node again. Normal parts become as stiff as the tangent.
         """
         scale = np.ones(s.K.getLocalSize()[0])
-        if s.tied:
-            stiffness = np.abs(s.K.getDiagonal().array[s.own])
-            scale[s.own] = stiffness / s.diagonal
-        else:
-            scale[s.own] = -s.diagonal
+        scale[s.own] = _row_scale(s)
         v = _vector(A, scale, "left")
         A.diagonalScale(L=v)
         b.pointwiseMult(b, v)
@@ -283,3 +293,140 @@ class LinearSolver:
         A = cpp.combine_rows(s.K, Delta, sources)
         Delta.destroy()
         return A
+
+
+class _ReducedPreconditioner:
+    """Preconditioner of the condensed system by multigrid on a symmetric one.
+
+    With Π the constrained directions of the nodes of S, motions without a change of the
+    constraints are, but for the turning of normals, du = Q w with Q = T (I - E Π D̃⁻¹ B̃). On
+    these the tangent is Qᵀ K Q, as definite as K: that is what ``inner`` inverts. Motions in the
+    directions of the constraints follow from the constraints, node by node.
+    """
+
+    def __init__(self, inner: PETSc.PC, x: npt.NDArray[np.float64]):
+        self.inner = inner
+        self.system: NewtonSystem | None = None
+        self.E: PETSc.Mat | None = None
+        comm = inner.comm.tompi4py()
+        coordinates = PETSc.Vec().createMPI((len(x), None), bsize=3, comm=comm)
+        coordinates.array[:] = x
+        self._modes = PETSc.NullSpace().createRigidBody(coordinates)
+        self._operator: PETSc.Mat | None = None
+
+    def prepare(self, A: PETSc.Mat) -> None:
+        s, E = self.system, self.E
+        comm = A.comm.tompi4py()
+        n_u, n_z = s.K.getLocalSize()[0], s.C_z.getLocalSize()[0]
+        inverse = np.zeros(n_z)
+        inverse[s.active] = 1.0 / s.diagonal
+        self._projector = s.projector
+
+        # Q = T (I - E Π D̃⁻¹ B̃)
+        Pi = PETSc.Mat().createAIJ(((n_z, None), (n_z, None)), nnz=(3, 0), comm=comm)
+        first = Pi.getOwnershipRange()[0]
+        cpp.add_blocks(Pi, first, first, np.ascontiguousarray(s.projector))
+        Pi.assemble()
+        Pi.diagonalScale(R=_vector(Pi, inverse, "right"))
+        EPi = E.matMult(Pi)
+        Q = EPi.matMult(s.B_tilde)
+        Q.scale(-1.0)
+        everywhere = np.arange(n_u, dtype=np.int32)
+        Q.axpy(1.0, _selection(comm, n_u, n_u, everywhere, everywhere))
+        self._T = s.T
+        if s.T is not None:
+            TQ = s.T.matMult(Q)
+            Q.axpy(1.0, TQ)
+            TQ.destroy()
+        operator = s.K.PtAP(Q)
+        # Unit-like rows in the constrained directions, and at Dirichlet dofs
+        stiffness = s.K.getDiagonal()
+        mean = stiffness.sum() / stiffness.getSize()
+        Pi.destroy()
+        Pi = PETSc.Mat().createAIJ(((n_z, None), (n_z, None)), nnz=(3, 0), comm=comm)
+        cpp.add_blocks(Pi, first, first, mean * np.ascontiguousarray(s.projector))
+        Pi.assemble()
+        Et = E.transpose(PETSc.Mat())
+        EPiE = E.matMult(Pi).matMult(Et)
+        operator.axpy(1.0, EPiE)
+        start = operator.getOwnershipRange()[0]
+        operator.zeroRowsColumns((start + s.fixed).astype(PETSc.IntType), diag=mean)
+        operator.setBlockSize(3)
+        operator.setNearNullSpace(self._modes)
+        self._mean = mean
+        if self._operator is not None:
+            self._operator.destroy()
+        self._operator, self._Q = operator, Q
+        self.inner.setOperators(operator)
+        self.inner.setUp()
+
+        # Blocks of the constraints at their own nodes, C_u T E
+        C = s.C_u
+        if s.T is not None:
+            C = C.matMult(s.T)
+            C.axpy(1.0, s.C_u)
+        CE = C.matMult(E)
+        blocks = np.zeros((n_z // 3, 3, 3))
+        for j in range(n_z):
+            columns, values = CE.getRow(first + j)
+            node = (j // 3) * 3 + first
+            inside = (columns >= node) & (columns < node + 3)
+            blocks[j // 3, j % 3, columns[inside] - node] = values[inside]
+        eye = np.eye(3)
+        Pn = s.projector
+        rest = eye - Pn
+        self._own_blocks = np.linalg.inv(Pn @ blocks @ Pn + rest)
+        self._rest = rest
+        self._inverse = inverse
+        CE.destroy()
+
+    def setUp(self, pc):
+        pass
+
+    def apply(self, pc, x, y):
+        s, E = self.system, self.E
+        n_z = s.C_z.getLocalSize()[0]
+        r = x.array_r
+        scale = _row_scale(s)
+        # Constraints, as tractions
+        r_c = np.zeros(n_z)
+        r_c[s.active] = r[s.own] / scale
+        r_c = r_c.reshape(-1, 3)
+        normal = np.einsum("nij,nj->ni", self._projector, r_c)
+        move = np.einsum("nij,nj->ni", self._own_blocks, normal)
+        move = np.einsum("nij,nj->ni", self._projector, move).ravel()
+
+        # Equilibrium of what is not constrained
+        rho = s.K.createVecLeft()
+        rho.array[:] = r
+        slide = np.einsum("nij,nj->ni", self._rest, r_c).ravel()
+        diagonal = np.zeros(n_z)
+        diagonal[s.active] = s.diagonal
+        slide *= -diagonal
+        rho.array[s.own] = slide[s.active]
+        z = _vector(s.C_z, self._inverse * slide, "right")
+        w = s.K.createVecLeft()
+        s.B_tilde.multTranspose(z, w)
+        # Without the own entries of B̃
+        w.array[s.own] = 0.0
+        rho.axpy(1.0, w)
+
+        # Motions of the constraints come first: their forces load the rest
+        step = s.K.createVecRight()
+        e = _vector(s.C_z, move, "right")
+        E.mult(e, step)
+        if s.T is not None:
+            extra = s.K.createVecLeft()
+            s.T.mult(step, extra)
+            step.axpy(1.0, extra)
+        rho.array[s.fixed] *= self._mean
+        self.inner.apply(rho, w)
+        self._Q.mult(w, y)
+        y.axpy(1.0, step)
+
+
+def _row_scale(s: NewtonSystem) -> npt.NDArray[np.float64]:
+    """Factors of the constraint rows, see LinearSolver._equilibrate."""
+    if s.tied:
+        return np.abs(s.K.getDiagonal().array[s.own]) / s.diagonal
+    return -s.diagonal

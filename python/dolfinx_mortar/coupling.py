@@ -584,6 +584,18 @@ class Coupling:
             own[self.slice(i)] = self._own_dofs(i)
             diagonal[self.slice(i)] = np.repeat(i._nodal["diagonal"][: i.num_owned], 3)
         index = np.flatnonzero(active).astype(np.int32)
+        projector = np.zeros((n_z // 3, 3, 3))
+        for i in self.interfaces:
+            rows, n = self.slice(i), i.num_owned
+            flags = active[rows].reshape(-1, 3)
+            part = np.tile(np.eye(3), (n, 1, 1))
+            if isinstance(i, Contact):
+                normal = i._configuration.normals[:n]
+                sliding = i._status == SLIP
+                part[sliding] = normal[sliding, :, None] * normal[sliding, None, :]
+            projector[rows.start // 3 : rows.stop // 3] = (
+                part * flags[:, :, None] * flags[:, None, :]
+            )
         if self._B is None:
             self._B, self._B_tilde = self._new_B()
             self._B.assemble()
@@ -598,6 +610,7 @@ class Coupling:
             active=index,
             own=own[index],
             diagonal=diagonal[index],
+            projector=projector,
             fixed=self.fixed_dofs,
             tied=not self.contacts,
         )

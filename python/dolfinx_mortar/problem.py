@@ -163,9 +163,7 @@ class ContactProblem:
             database.setValue(search, "basic")
             given.append(search)
         self._solver = LinearSolver(self.comm, prefix, condense)
-        self._solver.ksp.setFromOptions()
-        if condense and self._solver.ksp.getPC().getType() not in ("lu", "cholesky"):
-            self._solver.set_rigid_body_modes(self._layout.positions())
+        self._solver.set_from_options(self._layout.positions())
         ksp = self.snes.getKSP()
         ksp.setOptionsPrefix(prefix + "newton_")
         ksp.setType("preonly")
