@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx.common import Timer
 
 from . import cpp
 
@@ -133,7 +134,8 @@ class LinearSolver:
         if self._multigrid is not None:
             self._multigrid.prepare(A)
         x = b.duplicate()
-        self.ksp.solve(b, x)
+        with Timer("~mortar: solve"):
+            self.ksp.solve(b, x)
         return x
 
     # -- Saddle point ---------------------------------------------------------
@@ -179,8 +181,9 @@ class LinearSolver:
         # Reactions at Dirichlet dofs are not known
         r_test.array[:] *= free
 
-        N, E = self._row_operator(s, free)
-        A = self._condensed_matrix(s, N, E)
+        with Timer("~mortar: condense"):
+            N, E = self._row_operator(s, free)
+            A = self._condensed_matrix(s, N, E)
 
         # Right-hand side: rows of S hold the constraints
         b = s.K.createVecLeft()

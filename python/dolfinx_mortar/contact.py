@@ -12,6 +12,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.common import Timer
 
 from . import cpp
 from .interfaces import Interface
@@ -105,7 +106,8 @@ class Contact(Interface):
 
     def _configure(self, u_all) -> cpp.Configuration:
         """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
-        configuration = cpp.configure(self._data, *self._positions(u_all))
+        with Timer("~mortar: search"):
+            configuration = cpp.configure(self._data, *self._positions(u_all))
         if self._normal is not None:
             configuration.normals = np.tile(self._normal, (self.num_nodes, 1))
         return configuration

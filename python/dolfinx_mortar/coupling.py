@@ -12,6 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.common import Timer
 
 from . import cpp
 from .condensation import NewtonSystem
@@ -178,9 +179,10 @@ class Coupling:
         M = self.create_matrix(self.size_z, self.layout.size_u) if chained else None
         for i in interfaces:
             # One matrix serves as both where there is no basis transformation
-            i._nodal = cpp.integrate(
-                i._data, i._configuration, B=B, B_tilde=None if B_tilde is B else B_tilde, M=M
-            )
+            with Timer("~mortar: integrate"):
+                i._nodal = cpp.integrate(
+                    i._data, i._configuration, B=B, B_tilde=None if B_tilde is B else B_tilde, M=M
+                )
         for A in {id(A): A for A in (B, B_tilde)}.values():
             A.assemble()
         if M is not None:
@@ -561,7 +563,8 @@ class Coupling:
         cpp.add_blocks(C_z, first, first, np.ascontiguousarray(blocks))
         C_z.assemble()
 
-        C_u = self._contact_derivative(z) if self.contacts else None
+        with Timer("~mortar: linearise"):
+            C_u = self._contact_derivative(z) if self.contacts else None
         if self._B_ties is not None:
             tied = self._B_ties[0].copy()
             mask = tied.createVecLeft()

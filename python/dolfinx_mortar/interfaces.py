@@ -13,6 +13,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.common import Timer
 from dolfinx.mesh import MeshTags
 
 from . import cpp
@@ -197,7 +198,8 @@ class Interface:
 
     def _configure(self, u_all: npt.NDArray[np.float64] | None) -> cpp.Configuration:
         """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
-        return cpp.configure(self._data, *self._positions(u_all))
+        with Timer("~mortar: search"):
+            return cpp.configure(self._data, *self._positions(u_all))
 
     # -- Nodal values and fields --------------------------------------------
 
