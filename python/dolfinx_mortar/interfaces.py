@@ -111,6 +111,8 @@ class Interface:
         self._degree = quadrature_degree
         self._search_distance = search_distance
         self._problem: ContactProblem | None = None
+        #: Reference positions of local nodes where they differ from the mesh's (relocated ties)
+        self._integration_positions: tuple[Any, Any] | None = None
 
     # -- Set-up, called by the problem --------------------------------------
 
@@ -189,6 +191,8 @@ class Interface:
         return changed
 
     def _positions(self, u_all: npt.NDArray[np.float64] | None) -> tuple[Any, Any]:
+        if u_all is None and self._integration_positions is not None:
+            return self._integration_positions
         if u_all is None:
             return self._surface_slave.X, self._surface_master.X
         return (

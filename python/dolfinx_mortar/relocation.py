@@ -26,8 +26,12 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     stress. Both vanish when D X_s = M X_m holds. Call this before forms are assembled and before
     the problem is created.
 
-    Only geometry nodes at slave nodes that carry a multiplier move; with straight cells under a
-    second-order displacement those are the vertices.
+    D and M stay those of the positions before: the tie keeps these, since the condition is exact
+    only with the matrices that gave the new positions.
+
+    Only geometry nodes at slave nodes that carry a multiplier, and those on edges between them,
+    move. With multipliers on edges, straight cells under a second-order displacement can not
+    follow: give the mesh the order of the displacement, or only a part of the stress goes.
 
     Args:
         tie: Interface, not yet part of a problem.
@@ -47,7 +51,7 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     layout = Layout(spaces)
     coupling = Coupling(layout, [tie], bcs)
     assert coupling._B_ties is not None
-    B = coupling._B_ties[0]
+    B, B_tilde = coupling._B_ties
     X = coupling._reference
 
     # Motion of the nodes that carry multipliers such that B (X + dX) = 0
@@ -63,7 +67,9 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     comm = layout.comm
     row_set = PETSc.IS().createGeneral(rows + first_z, comm=comm)
     column_set = PETSc.IS().createGeneral((own[rows] + first_u).astype(PETSc.IntType), comm=comm)
-    D = B.createSubMatrix(row_set, column_set)
+    # In the transformed basis: corner functions of tri6 and quad8 have no positive integral, and
+    # edges follow their corners
+    D = B_tilde.createSubMatrix(row_set, column_set)
     ksp = PETSc.KSP().create(comm)
     ksp.setOperators(D)
     ksp.setType("preonly")
@@ -74,6 +80,11 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     ksp.solve(b, dx)
     motion = np.zeros(layout.size_u)
     motion[own[rows]] = dx.array
+    if coupling._T is not None:
+        v, w = coupling._T.createVecRight(), coupling._T.createVecLeft()
+        v.array[:] = motion
+        coupling._T.mult(v, w)
+        motion = w.array.copy()
 
     size = np.sqrt(np.maximum(tie._weights[: tie.num_owned], 0.0))
     length = np.linalg.norm(motion.reshape(-1, 3)[blocks], axis=1)
@@ -89,6 +100,8 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
                 "far apart to be relocated."
             )
     largest = comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
+    slave, master = tie._positions(None)
+    tie._integration_positions = np.array(slave), np.array(master)
 
     for b_index, V in enumerate(layout.spaces):
         f = fem.Function(V)
