@@ -96,8 +96,8 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
         if item is not None:
             raise RuntimeError(
                 f"The slave node at {tuple(round(v, 6) for v in item[2])} would move by "
-                f"{item[0]:.3g}, but facets there have the size {item[1]:.3g}: the surfaces are too "
-                "far apart to be relocated."
+                f"{item[0]:.3g}, but facets there have the size {item[1]:.3g}: the surfaces are "
+                "too far apart to be relocated."
             )
     largest = comm.allreduce(float(length.max(initial=0.0)), op=MPI.MAX)
     slave, master = tie._positions(None)
