@@ -34,7 +34,7 @@ comm = MPI.COMM_WORLD
 
 parser = argparse.ArgumentParser(description="A soft punch pressed into a block, and dragged")
 parser.add_argument("--out", type=Path, default=Path("output/punch"), help="folder to write")
-parser.add_argument("--level", type=int, default=1, help="level + 2 cells along the punch")
+parser.add_argument("--level", type=int, default=0, help="level + 2 cells along the block's height")
 parser.add_argument("--steps", type=int, default=12, help="load steps")
 options = parser.parse_args() if __name__ == "__main__" else parser.parse_args([])
 # -
