@@ -101,7 +101,9 @@ dolfinx_mortar::contact_residual(const ContactState& state,
                                     : friction.coefficient * std::max(p, 0.0);
     const double sigma = state.scale[j];
     r.bound[j] = std::max(b, norm_t);
-    bool stick = norm_t < b;
+    // A node that slid in the last step starts with ‖t‖ = b up to round-off: it
+    // goes on to slide
+    bool stick = norm_t < b * (1 - 1e-8);
     if (!forced.empty())
       stick = forced[j] == Status::stick;
     // Derivatives of the bound

@@ -1,0 +1,132 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""A run continued from a file is the uninterrupted run."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+import pytest
+from dolfinx import la
+from pressed import pressed
+
+import dolfinx_mortar as dm
+
+comm = MPI.COMM_WORLD
+STEPS = [(0.0, -0.01), (0.02, -0.02), (0.05, -0.02), (0.08, -0.02)]
+
+
+@pytest.fixture
+def folder():
+    """A folder that all ranks know."""
+    path = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
+    yield Path(path)
+
+
+def sliding():
+    return pressed(dm.Contact, elements=("hex20", "hex8"), friction=0.3)
+
+
+def run(p, steps):
+    for x, z in steps:
+        p.move(x, z)
+    return values(p)
+
+
+def values(p):
+    """The same for any number of ranks."""
+    slip = p.interface.slip
+    return np.concatenate([p.norms(), p.interface.force, [la.norm(slip.x)]])
+
+
+def test_continued_is_uninterrupted(folder):
+    whole = sliding()
+    run(whole, STEPS[:2])
+    whole.problem.save(folder / "state")
+    expected = run(whole, STEPS[2:])
+    continued = sliding()
+    continued.problem.load(folder / "state")
+    assert np.allclose(run(continued, STEPS[2:]), expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.serial
+def test_continued_on_another_number_of_ranks(folder):
+    whole = sliding()
+    run(whole, STEPS[:2])
+    whole.problem.save(folder / "state")
+    expected = run(whole, STEPS[2:])
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "import numpy as np, test_checkpoint as t\n"
+        "p = t.sliding(); p.problem.load(sys.argv[2])\n"
+        "v = t.run(p, t.STEPS[2:])\n"
+        "if t.comm.rank == 0: np.savetxt(sys.argv[3], v, fmt='%.17g')\n"
+    )
+    # MPI adds to the environment of its processes what mpirun must not see
+    drop = ("OMPI_COMM", "PMIX_", "PRTE_LAUNCHED", "OMPI_FILE", "OMPI_NUM")
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(drop)}
+    arguments = [str(Path(__file__).parent), str(folder / "state"), str(folder / "values")]
+    subprocess.run(
+        ["mpirun", "-n", "2", sys.executable, "-c", code, *arguments],
+        check=True,
+        env=environment,
+        timeout=200,
+    )
+    assert np.allclose(np.loadtxt(folder / "values"), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_state_after_loading_is_the_saved_one(folder):
+    p = sliding()
+    saved = run(p, STEPS[:2])
+    p.problem.save(folder / "state")
+    q = sliding()
+    q.problem.load(folder / "state")
+    assert np.allclose(values(q), saved, rtol=1e-12, atol=1e-12)
+
+
+def test_foreign_and_truncated_files_are_refused(folder):
+    p = sliding()
+    run(p, STEPS[:1])
+    before = p.norms()
+    p.problem.save(folder / "state")
+    if comm.rank == 0:
+        whole = (folder / "state").read_bytes()
+        (folder / "short").write_bytes(whole[:-100])
+        (folder / "text").write_text("no state")
+    comm.Barrier()
+    for name, words in (
+        ("short", "truncated"),
+        ("text", "not a state file"),
+        ("missing", "can not be read"),
+    ):
+        with pytest.raises(RuntimeError, match=words):
+            p.problem.load(folder / name)
+    other = pressed(dm.Contact, friction=0.3)
+    with pytest.raises(RuntimeError, match="belongs to another"):
+        other.problem.load(folder / "state")
+    tied = pressed(dm.Tie, elements=("hex20", "hex8"))
+    with pytest.raises(RuntimeError, match="interfaces"):
+        tied.problem.load(folder / "state")
+    assert np.array_equal(p.norms(), before)
+
+
+def test_interrupted_save_keeps_the_previous_file(folder, monkeypatch):
+    p = sliding()
+    run(p, STEPS[:1])
+    p.problem.save(folder / "state")
+    before = (folder / "state").read_bytes()
+    run(p, STEPS[1:2])
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("dolfinx_mortar.checkpoint._cells", stop)
+    with pytest.raises(KeyboardInterrupt):
+        p.problem.save(folder / "state")
+    comm.Barrier()
+    assert (folder / "state").read_bytes() == before
