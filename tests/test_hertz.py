@@ -22,7 +22,7 @@ def demo():
 
 @pytest.mark.parametrize("material", ["neo-hooke", "st-venant-kirchhoff", "linear"])
 def test_pressure_and_radius(demo, material):
-    """3.2 cells along the radius: within 1.5 % of the axisymmetric values, the radius by a facet."""
+    """3.2 cells along the radius: within 1.5 % of the references, the radius by a facet."""
     u, contact = demo.measure("hex20", material, 0.2, 1)
     result = demo.results[-1]
     largest, radii = demo.REFERENCE[material, 0.2]
