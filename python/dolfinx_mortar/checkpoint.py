@@ -49,7 +49,7 @@ def _columns(problem: ContactProblem, body: int) -> npt.NDArray[np.float64]:
         n = i.num_owned
         z = coupling.local_multipliers(problem._z, i)
         more = np.zeros((i.num_nodes, 8))
-        if i in coupling.contacts:
+        if i in coupling.contacts and problem._started:
             more[:n, :3] = i._total_slip
             more[:n, 3] = i._data.carries[:n]
             more[:n, 4] = i._status

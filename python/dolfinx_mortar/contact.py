@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 
@@ -16,6 +16,9 @@ from dolfinx.common import Timer
 
 from . import cpp
 from .interfaces import Interface
+
+if TYPE_CHECKING:
+    from .problem import ContactProblem
 
 OPEN, STICK, SLIP = 0, 1, 2
 
@@ -112,11 +115,6 @@ class Contact(Interface):
             configuration.normals = np.tile(self._normal, (self.num_nodes, 1))
         return configuration
 
-    def _evaluate_geometry(self, u_all, B, B_tilde) -> None:
-        """Integrate in the configuration of ``u_all`` (None: reference) and add to B."""
-        self._configuration = self._configure(u_all)
-        self._nodal = cpp.integrate(self._data, self._configuration, B=B, B_tilde=B_tilde)
-
     def _evaluate_law(self, z, gap, motion, forced, damped=False) -> None:
         """Complementarity function at the owned nodes; see C++ contact_residual."""
         n = self.num_owned
@@ -189,10 +187,20 @@ class Contact(Interface):
 
     # -- Fields --------------------------------------------------------------------
 
+    def _solved(self) -> ContactProblem:
+        """The problem, which must have a solution to look at."""
+        problem = self._owner()
+        if not problem._started:
+            raise RuntimeError(
+                "There is no solution yet: call solve() of the ContactProblem first."
+            )
+        return problem
+
     def _current(self):
+        problem = self._owner()
         if self.geometry == "reference":
             return None
-        return self._layout.all_local(self._problem._functions)
+        return self._layout.all_local(problem._functions)
 
     def _scatter(self, owned: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         values = np.zeros((self.num_nodes, owned.shape[1]))
@@ -203,18 +211,21 @@ class Contact(Interface):
     @property
     def pressure(self) -> fem.Function:
         """Contact pressure n·λ [traction], positive in compression. Collective."""
+        self._solved()
         z, n = self._z(), self._configuration.normals
         return self._field("pressure", np.sum(z * n, axis=1)[:, None])
 
     @property
     def tangential_traction(self) -> fem.Function:
         """Tangential part of the contact traction on the slave body. Collective."""
+        self._solved()
         z, n = self._z(), self._configuration.normals
         return self._field("tangential_traction", -(z - np.sum(z * n, axis=1)[:, None] * n))
 
     @property
     def gap(self) -> fem.Function:
         """Average gap around each node [length]; zero where no master is near. Collective."""
+        self._solved()
         gap = self._nodal_gap()
         owned = np.where(np.isfinite(gap), gap, 0.0)[:, None]
         return self._field("gap", self._scatter(owned))
@@ -222,40 +233,42 @@ class Contact(Interface):
     @property
     def slip(self) -> fem.Function:
         """Tangential slip [length] of slave nodes in contact since contact began. Collective."""
+        self._solved()
         return self._field("slip", self._scatter(self._total_slip))
 
     @property
     def dissipation(self) -> float:
         """Energy that friction took in the last step, never negative. Collective."""
-        return self._layout.comm.allreduce(getattr(self, "_dissipation", 0.0))
+        return self._solved().comm.allreduce(getattr(self, "_dissipation", 0.0))
 
     @property
     def status(self) -> fem.Function:
         """0 open, 1 stick, 2 slip (frictionless contact: always 2). Collective."""
+        self._solved()
         values = self._scatter(self._status.astype(np.float64)[:, None])
         return self._field("status", values, spread=False)
 
     @property
     def num_active(self) -> int:
         """Number of slave nodes in contact, on all ranks. Collective."""
-        return self._layout.comm.allreduce(int(np.sum(self._status != OPEN)))
+        return self._solved().comm.allreduce(int(np.sum(self._status != OPEN)))
 
     @property
     def force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the slave body, shape (3,). Collective."""
-        return self._problem._resultants(self)[0]
+        return self._solved()._resultants(self)[0]
 
     @property
     def master_force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the master body, shape (3,). Collective."""
-        return self._problem._resultants(self)[1]
+        return self._solved()._resultants(self)[1]
 
     @property
     def moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the slave, shape (3,). Collective."""
-        return self._problem._resultants(self)[2]
+        return self._solved()._resultants(self)[2]
 
     @property
     def master_moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the master, shape (3,). Collective."""
-        return self._problem._resultants(self)[3]
+        return self._solved()._resultants(self)[3]

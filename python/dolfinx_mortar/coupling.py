@@ -58,7 +58,7 @@ class Coupling:
         self._reference = layout.positions()
         self._B = self._B_tilde = None
         self._B_old: PETSc.Mat | None = None
-        self._history: list[bytes] = []
+        self._history: list[npt.NDArray[np.int8]] = []
         self._accepted: tuple[npt.NDArray, npt.NDArray] | None = None
         self._T = self._T_minus_one = None
         if self.interfaces:
@@ -371,14 +371,17 @@ class Coupling:
     def state(self):
         """What :meth:`restore` brings back."""
         # None of these is changed in place
-        return [
+        contacts = [
             (c, {k: getattr(c, k) for k in _STATE if hasattr(c, k)}, c._data.carries)
             for c in self.contacts
         ]
+        return self._accepted, contacts
 
     def restore(self, state) -> None:
         """Go back to an earlier state."""
-        for c, values, carries in state:
+        # Part of a step may have been accepted before the rest of it failed
+        self._accepted, contacts = state
+        for c, values, carries in contacts:
             for name, value in values.items():
                 setattr(c, name, value)
             c._data.carries = carries

@@ -210,7 +210,8 @@ class Interface:
     @property
     def num_multiplier_nodes(self) -> int:
         """Number of slave nodes, on all ranks, that carry a multiplier. Collective."""
-        return self._layout.comm.allreduce(int(np.sum(self._data.carries[: self.num_owned] != 0)))
+        comm = self._owner().comm
+        return comm.allreduce(int(np.sum(self._data.carries[: self.num_owned] != 0)))
 
     def _z(self) -> npt.NDArray[np.float64]:
         """Multipliers at the local slave nodes, shape (n, 3). Collective."""
@@ -218,7 +219,10 @@ class Interface:
 
     def _owner(self) -> ContactProblem:
         if self._problem is None:
-            raise RuntimeError("The interface is not part of a ContactProblem yet.")
+            raise RuntimeError(
+                "The interface is not part of a ContactProblem yet: name it in "
+                "ContactProblem(..., interfaces=[...]) first."
+            )
         return self._problem
 
     def _spread(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

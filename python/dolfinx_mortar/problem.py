@@ -486,6 +486,8 @@ class ContactProblem:
             text += "."
             if any(h.get("cycle") for h in self.history):
                 text += " The active set cycled."
+        else:
+            text += ": the residual is not finite at its start. Check loads and boundary values."
         if self._failure:
             text += f" {self._failure}"
         hint = self._coupling.diagnose()
