@@ -111,11 +111,12 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     if (stick)
     {
       // b z_τ - b t = -b c_t u; without the factor where a node is told to stick
-      // before it touches (b = 0), or it would have no equation
+      // before it touches: b is zero or round-off, and it would have no equation
       r.status[j] = Status::stick;
-      const double s = b > 0 ? ct / sigma : ct;
-      const double factor = b > 0 ? b : 1.0;
-      const double dfactor = b > 0 ? db : 0.0;
+      const bool bounded = forced.empty() and b > 0;
+      const double s = bounded ? ct / sigma : ct;
+      const double factor = bounded ? b : 1.0;
+      const double dfactor = bounded ? db : 0.0;
       C -= s * factor * u;
       Cz = -s * dfactor * u * n.transpose();
       Cg += s * dfactor * state.c_n[j] * u;
