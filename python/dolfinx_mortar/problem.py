@@ -175,7 +175,9 @@ class ContactProblem:
         if self._monitor:
             self.snes.setMonitor(self._print_monitor)
         for name in given:
-            database.delValue(name)
+            # A factorization reads its options (mat_mumps_...) when it is first made
+            if not name.startswith(prefix + "mat_"):
+                database.delValue(name)
 
     def _create_z_by_u(self) -> PETSc.Mat:
         return self._coupling.create_matrix(self._n_z, self._n_u)
