@@ -108,14 +108,16 @@ class LinearSolver:
         """Take options from PETSc's database. Collective.
 
         An iterative solver of the condensed system is preconditioned through the symmetric
-        system that is left when the constraints are eliminated; that is what ``pc_type`` is for.
+        system that is left when the constraints are eliminated; that is what ``pc_type`` is for:
+        multigrid, or a Cholesky factorisation, half as large as that of the condensed system.
 
         Args:
             x: Positions of the owned displacement dofs, shape (n_u,), for rigid body modes.
         """
         self.ksp.setFromOptions()
         pc = self.ksp.getPC()
-        if self.condense and pc.getType() not in ("lu", "cholesky", "none", "python"):
+        direct = self.ksp.getType() == "preonly" or pc.getType() in ("none", "python")
+        if self.condense and not direct:
             inner = PETSc.PC().create(self.comm)
             inner.setOptionsPrefix(self.ksp.getOptionsPrefix())
             inner.setFromOptions()
@@ -356,6 +358,7 @@ class _ReducedPreconditioner:
         operator.zeroRowsColumns((start + s.fixed).astype(PETSc.IntType), diag=mean)
         operator.setBlockSize(3)
         operator.setNearNullSpace(self._modes)
+        operator.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._mean = mean
         if self._operator is not None:
             self._operator.destroy()

@@ -172,16 +172,16 @@ class Contact(Interface):
         elif callable(choice):
             closed = np.asarray(choice(self._surface_slave.X[:n].T), dtype=bool) & carries
         else:
-            if not unheld:
-                return None
+            # Where surfaces touch, round-off must not choose among their nodes
             gap = self._nodal_gap()
-            nearest = comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
-            if not np.isfinite(nearest):
-                return None
-            # A patch of nodes keeps the body from tilting; where surfaces touch, round-off must
-            # not choose among their nodes
             size = np.sqrt(self._weights[:n])
-            closed = carries & ((natural != OPEN) | (gap <= max(nearest, 0.0) + 0.2 * size))
+            closed = carries & ((natural != OPEN) | (gap <= 1e-9 * size))
+            if unheld:
+                # A patch of nodes keeps the body from tilting
+                nearest = comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
+                if not np.isfinite(nearest):
+                    return None
+                closed |= carries & (gap <= max(nearest, 0.0) + 0.2 * size)
         state = np.where(closed, STICK if self.is_frictional else SLIP, OPEN)
         return state.astype(np.int8)
 
