@@ -42,12 +42,13 @@ void wrap_coupling(nb::module_& m)
              MultiplierSpace space, Integration integration,
              std::optional<int> degree, std::optional<double> search_distance,
              In<std::int64_t> multipliers, In<std::int8_t> carries,
-             In<std::int8_t> fixed)
+             In<std::int8_t> fixed, bool leave_distant)
           {
             new (self)
                 Interface{slave,           master,
-                          {space, integration, degree},
-                          search_distance, copy(multipliers),
+                          {space, integration, degree, leave_distant,
+                           search_distance},
+                          copy(multipliers),
                           copy(carries),
                           std::vector<std::int8_t>(carries.size(), 0),
                           copy(fixed)};
@@ -55,7 +56,8 @@ void wrap_coupling(nb::module_& m)
           nb::arg("slave"), nb::arg("master"), nb::arg("space"),
           nb::arg("integration"), nb::arg("degree").none(),
           nb::arg("search_distance").none(), nb::arg("multipliers"),
-          nb::arg("carries"), nb::arg("fixed"))
+          nb::arg("carries"), nb::arg("fixed"),
+          nb::arg("leave_distant") = false)
       .def_prop_rw(
           "carries",
           [](const Interface& self)

@@ -86,8 +86,7 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
 //-----------------------------------------------------------------------------
 Interface
 dolfinx_mortar::create_interface(Surface slave, Surface master,
-                                 const IntegrationOptions& options,
-                                 std::optional<double> search_distance)
+                                 const IntegrationOptions& options)
 {
   const std::size_t num = num_local_nodes(slave);
   std::vector<std::int32_t> uses(num, 0);
@@ -107,7 +106,6 @@ dolfinx_mortar::create_interface(Surface slave, Surface master,
   return {std::move(slave),
           std::move(master),
           options,
-          search_distance,
           std::move(multipliers),
           std::move(carries),
           std::vector<std::int8_t>(num, 0),
@@ -122,7 +120,8 @@ Configuration dolfinx_mortar::configure(const Interface& interface,
       = compute_normals(interface.slave, x_slave, interface.fixed);
   Candidates candidates
       = find_candidates(interface.slave, x_slave, interface.master, x_master,
-                        interface.search_distance);
+                        interface.options.distance,
+                        interface.options.leave_distant ? 2 : 1);
   return {std::move(x_slave), std::move(x_master), std::move(normals),
           std::move(candidates)};
 }

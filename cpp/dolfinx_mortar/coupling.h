@@ -28,11 +28,8 @@ struct Interface
   /// Surfaces; all ranks of their communicator take part in every call
   Surface slave, master;
 
-  /// Space, integration, degree
+  /// Space, integration, degree, search distance
   IntegrationOptions options;
-
-  /// Search distance (a length), see find_candidates
-  std::optional<double> search_distance;
 
   /// Multiplier number of each local slave node (owned and ghost)
   std::vector<std::int64_t> multipliers;
@@ -59,11 +56,9 @@ struct Interface
 /// `carries`; where the masters cover the slave surface only in part, set
 /// `positive` from flag_positive after a first integrate. Collective.
 /// @param[in] slave,master Surfaces.
-/// @param[in] options Space, integration, degree.
-/// @param[in] search_distance See find_candidates.
+/// @param[in] options Space, integration, degree, search distance.
 Interface create_interface(Surface slave, Surface master,
-                           const IntegrationOptions& options = {},
-                           std::optional<double> search_distance = {});
+                           const IntegrationOptions& options = {});
 
 /// @brief Current positions and averaged normals of an interface.
 struct Configuration

@@ -3,6 +3,8 @@
 
 #include "integrals.h"
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <stdexcept>
 
 using namespace dolfinx_mortar;
@@ -17,6 +19,16 @@ FacetView view(const FacetList& list, std::int32_t f)
           std::span(list.x).subspan(3 * list.offsets[f],
                                     3 * (list.offsets[f + 1]
                                          - list.offsets[f]))};
+}
+
+/// Largest distance between two nodes of a facet.
+double diameter(const FacetView& f)
+{
+  const ConstRowMap x(f.x.data(), num_nodes(f.type), 3);
+  double d = 0;
+  for (int i = 0; i < x.rows(); ++i)
+    d = std::max(d, (x.rowwise() - x.row(i)).rowwise().squaredNorm().maxCoeff());
+  return std::sqrt(d);
 }
 
 /// Matrix X that extends values at nodes with multipliers to all multiplier
@@ -256,12 +268,16 @@ FacetIntegrator::compute(const FacetView& slave,
   RowMatrix b = RowMatrix::Zero(nl, 4);
   r.coverage.setZero(n);
   RowMatrix WN;
+  double nearest = std::numeric_limits<double>::max();
+  double reach = diameter(slave);
   for (int p : pairs)
   {
     PairShapes& s = _shapes[p];
     tabulate_pair(slave, views[p], normals, T, derive, _points[p], s);
     const Eigen::Map<const Eigen::VectorXd> w(_points[p].w.data(),
                                               _points[p].w.size());
+    nearest = std::min(nearest, s.field.col(0).minCoeff());
+    reach = std::max(reach, diameter(views[p]));
     r.area += w.sum();
     r.coverage.noalias() += s.Nt.transpose() * w;
     WN = s.Nt.leftCols(nl).array().colwise() * w.array();
@@ -270,6 +286,13 @@ FacetIntegrator::compute(const FacetView& slave,
     const RowMatrix part = WN.transpose() * s.Nm;
     for (int l = 0; l < s.Nm.cols(); ++l)
       Sm.col(columns[p][l]) += part.col(l);
+  }
+
+  if (_options.leave_distant and nearest > _options.distance.value_or(reach))
+  {
+    r.area = 0;
+    r.master_blocks.clear();
+    return r;
   }
 
   // Multiplier functions Φ_j = Σ a_jk Ñ_k

@@ -37,5 +37,15 @@ struct IntegrationOptions
 
   /// Degree of quadrature, by default default_degree
   std::optional<int> degree;
+
+  /// Leave out slave facets that are nowhere nearer to a master than
+  /// `distance`. Otherwise facets at the end of what the search reaches are
+  /// covered in part, and nodes that are far from contact can get the weighted
+  /// gap of a penetration.
+  bool leave_distant = false;
+
+  /// Search distance (a length), by default the larger diameter of the two
+  /// facets of a pair
+  std::optional<double> distance;
 };
 } // namespace dolfinx_mortar

@@ -359,7 +359,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
                                            std::span<const double> x_slave,
                                            const Surface& master,
                                            std::span<const double> x_master,
-                                           std::optional<double> distance)
+                                           std::optional<double> distance,
+                                           double factor)
 {
   std::string message;
   auto check = [&](const Surface& s, std::span<const double> x)
@@ -376,10 +377,13 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
     message = "The search distance must be a positive length.";
   throw_on_all(slave.comm, message);
 
+  if (distance)
+    distance = *distance * factor;
+
   // Without a given distance it is that of a pair, max(d_slave, d_master):
   // boxes grown by their own facet's diameter meet in every such pair, and in
   // some more
-  auto reach = [&](const Outline& o) { return distance ? 0 : o.diameter; };
+  auto reach = [&](const Outline& o) { return distance ? 0 : factor * o.diameter; };
   const double extra = distance.value_or(0);
 
   const std::vector<Outline> slaves = outlines(slave, x_slave);
@@ -439,7 +443,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
           [&](std::int32_t m)
           {
             const double d
-                = distance.value_or(std::max(s.diameter, masters[m].diameter));
+                = distance.value_or(factor
+                                    * std::max(s.diameter, masters[m].diameter));
             if (meet(grown(s.box, d), masters[m].box) and oppose(s, masters[m]))
               pairs.push_back(m);
           });

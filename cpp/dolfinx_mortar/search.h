@@ -57,6 +57,7 @@ struct Candidates
 /// (n, 3).
 /// @param[in] distance Search distance (a length); by default the larger
 /// diameter of the two facets of a pair.
+/// @param[in] factor Factor of the distance, given or default.
 /// @return Candidates; `master` holds only facets that are in a pair, sorted by
 /// their blocks, so that the order does not depend on the ranks they came from.
 /// @throw std::runtime_error On all ranks, where positions are not finite or
@@ -65,5 +66,6 @@ Candidates find_candidates(const Surface& slave,
                            std::span<const double> x_slave,
                            const Surface& master,
                            std::span<const double> x_master,
-                           std::optional<double> distance);
+                           std::optional<double> distance,
+                           double factor = 1);
 } // namespace dolfinx_mortar

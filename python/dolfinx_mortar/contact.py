@@ -44,6 +44,8 @@ class Contact(Interface):
             better choice, as it makes contact with that plane exact.
     """
 
+    _leave_distant = True
+
     def __init__(
         self,
         V=None,

@@ -80,6 +80,9 @@ class Interface:
         master: Parts of the master surface.
     """
 
+    #: Slave facets that no master is near of are left out
+    _leave_distant = False
+
     def __init__(
         self,
         V: fem.FunctionSpace | Sequence[fem.FunctionSpace] | None = None,
@@ -160,6 +163,7 @@ class Interface:
             multipliers,
             carries,
             fixed,
+            self._leave_distant,
         )
         weights = cpp.nodal_weights(self._data, self._surface_slave.X)
         #: Area that belongs to each local slave node [length²]
