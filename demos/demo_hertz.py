@@ -410,9 +410,7 @@ def nodal_values(u, contact):
     x = u.function_space.tabulate_dof_coordinates()[:owned] + u.x.array.reshape(-1, 3)[:owned]
     active = status.x.array[:owned] > 0
     chosen = active | (gap.x.array[:owned] > 0)
-    values = np.column_stack(
-        [np.hypot(x[:, 0], x[:, 1]), pressure.x.array[:owned], active]
-    )[chosen]
+    values = np.column_stack([np.hypot(x[:, 0], x[:, 1]), pressure.x.array[:owned], active])[chosen]
     return np.vstack(comm.allgather(values))
 
 
@@ -569,9 +567,7 @@ def show(u, contact, p, options):
         file.write(0.0)
     with Writer(options.out / "contact.bp", [pressure, contact.gap, contact.status]) as file:
         file.write(0.0)
-    body = surface(
-        u.function_space.mesh, {"p": pressure}, displacement=u, where=lambda x: x[2] > 0
-    )
+    body = surface(u.function_space.mesh, {"p": pressure}, displacement=u, where=lambda x: x[2] > 0)
     slave = contact.slave[0]
     cap = surface(
         u.function_space.mesh, {"p": pressure}, displacement=u, facets=slave.tags.find(slave.tag)

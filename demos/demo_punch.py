@@ -163,7 +163,7 @@ def run(options):
     files = [Writer(options.out / f"{name}.bp", [w]) for name, w in zip(("punch", "block"), u)]
     for step in range(1, options.steps + 1):
         start, t0, t1 = time.perf_counter(), (step - 1) / options.steps, step / options.steps
-        iterations = problem.solve(adaptive=lambda s: go_to(t0 + s * (t1 - t0)))
+        iterations = problem.solve(adaptive=lambda s, t0=t0, t1=t1: go_to(t0 + s * (t1 - t0)))
         for file in files:
             file.write(t1)
         force = contact.force

@@ -98,9 +98,7 @@ def shell(body, n):
     inner, outer = RADII[body]
     radius = inner + s[:, 2] * (outer - inner)
     y = (s[:, 1] - 0.5) * LENGTH[body] + (OFFSET if body == "upper" else 0.0)
-    points = np.stack(
-        [radius * np.cos(angle), y, AXIS[body] + radius * np.sin(angle)], axis=1
-    )
+    points = np.stack([radius * np.cos(angle), y, AXIS[body] + radius * np.sin(angle)], axis=1)
 
     index = np.zeros(lattice, dtype=np.int64)
     index[tuple(nodes.T)] = np.arange(len(nodes))
@@ -238,9 +236,7 @@ def solve(friction, level, clock, show):
     V = fem.functionspace(domain, dm.hex20(shape=(3,)))
     u, v = fem.Function(V, name="displacement"), ufl.TestFunction(V)
     dx = ufl.dx(domain=domain, subdomain_data=cell_tags, metadata={"quadrature_degree": 5})
-    F = sum(
-        ufl.derivative(energy(u, *MATERIAL[body]) * dx(body), u, v) for body in (UPPER, LOWER)
-    )
+    F = sum(ufl.derivative(energy(u, *MATERIAL[body]) * dx(body), u, v) for body in (UPPER, LOWER))
     supports = Supports(V, facet_tags)
     contact = dm.Contact(V, facet_tags, slave=SLAVE, master=MASTER, friction=friction)
     problem = dm.ContactProblem(
@@ -250,9 +246,7 @@ def solve(friction, level, clock, show):
     say(f"Friction {friction:g}: {ndofs} displacements\n")
 
     forces = fem.form(F)
-    ends = fem.locate_dofs_topological(
-        V, 2, facet_tags.indices[np.isin(facet_tags.values, (B, D))]
-    )
+    ends = fem.locate_dofs_topological(V, 2, facet_tags.indices[np.isin(facet_tags.values, (B, D))])
 
     def reaction():
         """Force of the supports B and D on the upper body."""

@@ -44,14 +44,14 @@ void wrap_coupling(nb::module_& m)
              In<std::int64_t> multipliers, In<std::int8_t> carries,
              In<std::int8_t> fixed, bool leave_distant)
           {
-            new (self)
-                Interface{slave,           master,
-                          {space, integration, degree, leave_distant,
-                           search_distance},
-                          copy(multipliers),
-                          copy(carries),
-                          std::vector<std::int8_t>(carries.size(), 0),
-                          copy(fixed)};
+            new (self) Interface{
+                slave,
+                master,
+                {space, integration, degree, leave_distant, search_distance},
+                copy(multipliers),
+                copy(carries),
+                std::vector<std::int8_t>(carries.size(), 0),
+                copy(fixed)};
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space"),
           nb::arg("integration"), nb::arg("degree").none(),
@@ -183,9 +183,8 @@ void wrap_coupling(nb::module_& m)
   m.def(
       "insert_transformation",
       [](const Interface& interface, bool inverse, Mat T)
-      { insert_transformation(interface, inverse, T); },
-      nb::arg("interface"), nb::arg("inverse"), nb::arg("T"),
-      "Insert T or its inverse. Collective.");
+      { insert_transformation(interface, inverse, T); }, nb::arg("interface"),
+      nb::arg("inverse"), nb::arg("T"), "Insert T or its inverse. Collective.");
 
   m.def(
       "combine_rows",
@@ -212,10 +211,9 @@ void wrap_coupling(nb::module_& m)
       "contact_residual",
       [](In<double> z, In<double> normal, In<double> gap,
          std::optional<In<double>> motion, std::optional<In<double>> scale,
-         In<double> c_n, In<double> c_t,
-         In<std::int8_t> carries, In<std::int8_t> fixed, double friction,
-         std::optional<double> bound, std::optional<In<std::int8_t>> forced,
-         bool damped)
+         In<double> c_n, In<double> c_t, In<std::int8_t> carries,
+         In<std::int8_t> fixed, double friction, std::optional<double> bound,
+         std::optional<In<std::int8_t>> forced, bool damped)
       {
         std::vector<Status> states;
         if (forced)
@@ -244,10 +242,10 @@ void wrap_coupling(nb::module_& m)
         return d;
       },
       nb::arg("z"), nb::arg("normal"), nb::arg("gap"), nb::arg("motion").none(),
-      nb::arg("scale").none(),
-      nb::arg("c_n"), nb::arg("c_t"), nb::arg("carries"), nb::arg("fixed"),
-      nb::arg("friction"), nb::arg("bound").none(),
-      nb::arg("forced").none() = nb::none(), nb::arg("damped") = false,
+      nb::arg("scale").none(), nb::arg("c_n"), nb::arg("c_t"),
+      nb::arg("carries"), nb::arg("fixed"), nb::arg("friction"),
+      nb::arg("bound").none(), nb::arg("forced").none() = nb::none(),
+      nb::arg("damped") = false,
       "Contact conditions as a semi-smooth equation, for arrays of nodes.");
 
   m.def(

@@ -26,9 +26,9 @@ template <typename Derived>
 auto matrix(const Eigen::MatrixBase<Derived>& A)
 {
   const RowMatrix B = A;
-  return as_array(std::vector<double>(B.data(), B.data() + B.size()),
-                  {static_cast<std::size_t>(B.rows()),
-                   static_cast<std::size_t>(B.cols())});
+  return as_array(
+      std::vector<double>(B.data(), B.data() + B.size()),
+      {static_cast<std::size_t>(B.rows()), static_cast<std::size_t>(B.cols())});
 }
 
 FacetView facet_view(FacetType type, int orientation, In<double> x)
@@ -45,7 +45,8 @@ nb::dict points_dict(PairPoints& p, int width)
   d["xi"] = as_array(std::move(p.xi), {n, 2});
   d["eta"] = as_array(std::move(p.eta), {n, 2});
   if (!p.d.empty() or n == 0)
-    d["d"] = as_array(std::move(p.d), {p.d.empty() ? 0 : n, 5, std::size_t(width)});
+    d["d"] = as_array(std::move(p.d),
+                      {p.d.empty() ? 0 : n, 5, std::size_t(width)});
   d["w"] = as_array(std::move(p.w), {n});
   d["dropped_area"] = p.dropped_area;
   return d;
@@ -112,22 +113,26 @@ void wrap_facets(nb::module_& m)
       "Shape functions: N, N,1, N,2, N,11, N,12, N,22; shape (6, n).");
   m.def(
       "transformation",
-      [](MultiplierSpace s, FacetType t, std::optional<In<std::int8_t>> positive)
+      [](MultiplierSpace s, FacetType t,
+         std::optional<In<std::int8_t>> positive)
       {
         return matrix(transformation(
             s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
       },
       nb::arg("space"), nb::arg("type"),
-      nb::arg("positive").none() = nb::none(), "Basis transformation T of a facet.");
+      nb::arg("positive").none() = nb::none(),
+      "Basis transformation T of a facet.");
   m.def(
       "inverse_transformation",
-      [](MultiplierSpace s, FacetType t, std::optional<In<std::int8_t>> positive)
+      [](MultiplierSpace s, FacetType t,
+         std::optional<In<std::int8_t>> positive)
       {
         return matrix(inverse_transformation(
             s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
       },
       nb::arg("space"), nb::arg("type"),
-      nb::arg("positive").none() = nb::none(), "Inverse of the basis transformation of a facet.");
+      nb::arg("positive").none() = nb::none(),
+      "Inverse of the basis transformation of a facet.");
   m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"));
   m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"));
 
@@ -155,7 +160,8 @@ void wrap_facets(nb::module_& m)
         const FacetView t = facet_view(master_type, master_orientation, master);
         std::array<PairPoints, 1> p;
         if (integration == Integration::segment)
-          append_segment_points(s, t, create_rule(3, degree), derivatives, p[0]);
+          append_segment_points(s, t, create_rule(3, degree), derivatives,
+                                p[0]);
         else
         {
           std::array<FacetView, 1> masters = {t};
@@ -163,8 +169,8 @@ void wrap_facets(nb::module_& m)
                                 create_rule(num_corners(slave_type), degree),
                                 derivatives, p);
         }
-        return points_dict(p[0],
-                           3 * (num_nodes(slave_type) + num_nodes(master_type)));
+        return points_dict(
+            p[0], 3 * (num_nodes(slave_type) + num_nodes(master_type)));
       },
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
       nb::arg("master_type"), nb::arg("master_orientation"), nb::arg("master"),

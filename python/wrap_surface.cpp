@@ -33,7 +33,7 @@ using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
 /// Read-only view of a member of `C`, with `columns` values in a row (0: one
 /// axis only)
 template <typename C, typename T>
-void array(nb::class_<C>& c, const char* name, std::vector<T> C::*member,
+void array(nb::class_<C>& c, const char* name, std::vector<T> C::* member,
            const char* doc, std::size_t columns = 0)
 {
   c.def_prop_ro(
@@ -77,14 +77,14 @@ template <typename T>
 void scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward",
-      [](const Surface& s, InOut<T> a)
+      "scatter_forward", [](const Surface& s, InOut<T> a)
       { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
       nb::arg("surface"), nb::arg("values"),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a) {
+      [](const Surface& s, InOut<T> a)
+      {
         scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
       },
       nb::arg("surface"), nb::arg("values"),
@@ -207,10 +207,9 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("u"),
       "Positions X + u, shape (num_nodes, 3). Collective.");
   m.def(
-      "check_areas",
-      [](const Surface& s, In<double> x, const std::string& name)
-      { check_areas(s, span(x), name); },
-      nb::arg("surface"), nb::arg("x"), nb::arg("name") = "surface",
+      "check_areas", [](const Surface& s, In<double> x, const std::string& name)
+      { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
+      nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
 
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");

@@ -49,9 +49,7 @@ def block(
         ends = [x[:, 2] < middle, x[:, 2] > middle]
         return np.select(sides + ends, list(FACES.values()), 0)
 
-    return cases.Part(
-        name, element, energy or cases.linear_elastic(E, NU), points, hexes, tag
-    )
+    return cases.Part(name, element, energy or cases.linear_elastic(E, NU), points, hexes, tag)
 
 
 def assemble(
@@ -139,5 +137,3 @@ def curved_blocks(slave: str, master: str, dirichlet, *, comm=MPI.COMM_WORLD, **
         block("lower", master, (0, 0, 0), (1, 1, 1), (2, 3, 2), top=wave),
     ]
     return assemble(parts, [tie(0, 1)], dirichlet, comm=comm, **more)
-
-

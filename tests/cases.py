@@ -319,9 +319,7 @@ def _body(comm: MPI.Comm, parts: Sequence[Part], numbers: Sequence[int]) -> Body
     cell_type = "tetrahedron" if element.startswith("tet") else "hexahedron"
     coordinates = basix.ufl.element("Lagrange", cell_type, 1, shape=(3,))
     mesh = compat.create_mesh(comm, cells.astype(np.int64), coordinates, points)
-    cell_tags = compat.tags_from_vertices(
-        mesh, 3, cells.astype(np.int64), labels.astype(np.int32)
-    )
+    cell_tags = compat.tags_from_vertices(mesh, 3, cells.astype(np.int64), labels.astype(np.int32))
 
     topology = mesh.topology
     topology.create_entities(2)
@@ -342,9 +340,7 @@ def _body(comm: MPI.Comm, parts: Sequence[Part], numbers: Sequence[int]) -> Body
     return Body(mesh, cell_tags, facet_tags, element, _space(mesh, element))
 
 
-def _bodies(
-    comm: MPI.Comm, parts: Sequence[Part], one_mesh: bool
-) -> tuple[list[Body], list[int]]:
+def _bodies(comm: MPI.Comm, parts: Sequence[Part], one_mesh: bool) -> tuple[list[Body], list[int]]:
     if one_mesh:
         if len({p.element for p in parts}) > 1:
             raise ValueError("parts with different elements cannot share a mesh")
@@ -493,9 +489,7 @@ def displacement_at(
     return np.array(gathered[0])
 
 
-def check_expected(
-    case: Case, u: Sequence[fem.Function], tolerance: float | None = None
-) -> float:
+def check_expected(case: Case, u: Sequence[fem.Function], tolerance: float | None = None) -> float:
     """Compare with the expected values.
 
     Args:
@@ -1028,9 +1022,7 @@ def sliding_block(comm: MPI.Comm = MPI.COMM_WORLD, one_mesh: bool = False) -> Ca
         "4C regression case contact3D_slidingblock_lagrange_hex20",
         parts,
         *_bodies(comm, parts, one_mesh),
-        interfaces=[
-            Interface("contact", [(0, 1)], [(1, 2)], friction=0.8, initially_active=False)
-        ],
+        interfaces=[Interface("contact", [(0, 1)], [(1, 2)], friction=0.8, initially_active=False)],
         dirichlet=[
             Dirichlet(0, lambda x: near(0.52)(x[2]), value=motion),
             Dirichlet(1, lambda x: near(-1.5)(x[2])),

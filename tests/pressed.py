@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from mpi4py import MPI
 
 import cases
+import dolfinx_mortar as dm
 import numpy as np
 import ufl
-from blocks import FACES, E, NU, block
+from blocks import FACES, NU, E, block
 from dolfinx import fem
-
-import dolfinx_mortar as dm
 
 
 @dataclass

@@ -103,9 +103,7 @@ def test_interior_facets(case):
 
 def test_slave_is_master(case):
     body = case.bodies[0]
-    fails(
-        lambda: dm.Tie(body.V, body.facet_tags, slave=3, master=3), "same surface", "facet tag 3"
-    )
+    fails(lambda: dm.Tie(body.V, body.facet_tags, slave=3, master=3), "same surface", "facet tag 3")
     part = [(body.V, body.facet_tags, UPPER)]
     fails(lambda: problem(case, [dm.Tie(slave=part, master=part)]), "same surface")
     # The same facets by another name
@@ -130,9 +128,7 @@ def test_master_nowhere_near():
 def test_facets_that_face_away(case):
     """The bottom of the lower block looks the same way as the bottom of the upper one."""
     wrong = parts(case, master_tag=blocks.FACES["z-"])
-    fails(
-        lambda: problem(case, [dm.Tie(**wrong)]), "No slave facet meets", "face each other"
-    )
+    fails(lambda: problem(case, [dm.Tie(**wrong)]), "No slave facet meets", "face each other")
 
 
 def test_collapsed_facet(case):

@@ -10,12 +10,11 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from dolfinx import la
 from pressed import pressed
-
-import dolfinx_mortar as dm
 
 comm = MPI.COMM_WORLD
 STEPS = [(0.0, -0.01), (0.02, -0.02), (0.05, -0.02), (0.08, -0.02)]

@@ -71,9 +71,7 @@ def entries(A):
     first = A.getOwnershipRange()[0]
     indptr, columns, values = A.getValuesCSR()
     rows = first + np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
-    table = np.vstack(
-        A.comm.tompi4py().allgather(np.column_stack([rows, columns, values]))
-    )
+    table = np.vstack(A.comm.tompi4py().allgather(np.column_stack([rows, columns, values])))
     dense = np.zeros(A.getSize())
     np.add.at(dense, (table[:, 0].astype(int), table[:, 1].astype(int)), table[:, 2])
     x, y, z = (dense[c::3, c::3] for c in range(3))
@@ -167,9 +165,7 @@ def compare(case, pair, multiplier, integration):
         assert np.abs(A - theirs[name]).max() < 1e-12 * np.abs(theirs[name]).max(), name
 
 
-@pytest.mark.parametrize(
-    ("pair", "multiplier"), [(KINDS[2], "dual"), (KINDS[3], "dual-linear")]
-)
+@pytest.mark.parametrize(("pair", "multiplier"), [(KINDS[2], "dual"), (KINDS[3], "dual-linear")])
 @pytest.mark.parametrize("deal", ["apart", "random", "one"])
 def test_any_partition(pair, multiplier, deal, monkeypatch):
     """Slave and master on different ranks, cells dealt out at random, all on the last rank."""

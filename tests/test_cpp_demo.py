@@ -37,7 +37,9 @@ def test_demo_from_installed_package(tmp_path):
     prefix, work = tmp_path / "prefix", tmp_path / "build"
     run("cmake", "--install", BUILD, "--prefix", prefix)
     assert not list(prefix.rglob("*.cpp"))
-    run("cmake", "-G", "Ninja", "-S", DEMO, "-B", work, f"-DCMAKE_PREFIX_PATH={prefix};{sys.prefix}")
+    run(
+        "cmake", "-G", "Ninja", "-S", DEMO, "-B", work, f"-DCMAKE_PREFIX_PATH={prefix};{sys.prefix}"
+    )
     run("cmake", "--build", work)
 
     found = []

@@ -10,7 +10,13 @@ import numpy as np
 import pytest
 
 SECOND_ORDER = [(a, b) for a in ("tet10", "hex20", "hex27") for b in ("tet10", "hex20", "hex27")]
-MIXED = [("hex8", "tet10"), ("tet10", "hex8"), ("hex20", "hex8"), ("tet4", "hex20"), ("hex8", "tet4")]
+MIXED = [
+    ("hex8", "tet10"),
+    ("tet10", "hex8"),
+    ("hex20", "hex8"),
+    ("tet4", "hex20"),
+    ("hex8", "tet4"),
+]
 FRICTION = 0.5
 
 # Stress with a pressure of 10 and a shear of 3 on the interface: less than friction holds
@@ -102,7 +108,9 @@ def dragged(slave, master):
     return blocks.assemble(parts, [contact], held, times=(1.0, 2.0, 3.0))
 
 
-@pytest.mark.parametrize("pair", [("hex20", "tet10"), ("tet10", "hex8"), ("hex8", "hex27")], ids="-".join)
+@pytest.mark.parametrize(
+    "pair", [("hex20", "tet10"), ("tet10", "hex8"), ("hex8", "hex27")], ids="-".join
+)
 def test_condensed_is_saddle_point(pair):
     """Also while some nodes stick and others slip the iterates are the same."""
     case = dragged(*pair)

@@ -2,11 +2,10 @@
 # SPDX-License-Identifier: MIT
 """The condensed system gives the steps of the saddle point, whatever solves it."""
 
+import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from pressed import pressed
-
-import dolfinx_mortar as dm
 
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 MULTIGRID = {"ksp_type": "gmres", "ksp_rtol": 1e-12, "ksp_max_it": 300, "pc_type": "gamg"}

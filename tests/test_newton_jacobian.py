@@ -168,9 +168,7 @@ def test_mixed_order_pairs(pair):
 @pytest.mark.parametrize("friction", [None, 0.3], ids=["frictionless", "friction"])
 @pytest.mark.parametrize("pair", [("hex20", "hex20"), ("tet10", "hex27")], ids="-".join)
 def test_multipliers(multiplier, friction, pair):
-    p, contact = problem(
-        *pair, 0.3, friction=friction, multiplier=multiplier, c_n=1e3, c_t=1e3
-    )
+    p, contact = problem(*pair, 0.3, friction=friction, multiplier=multiplier, c_n=1e3, c_t=1e3)
     error, _ = check(p, contact, random_state(p, contact, spread=8.0))
     assert error < 1e-6
 

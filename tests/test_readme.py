@@ -20,7 +20,9 @@ def test_example():
     # Pressed from above, dragged against friction
     assert names["force"][2] > 0
     assert names["force"][0] < 0
-    np.testing.assert_allclose(names["force"], -contact.master_force, atol=1e-10 * names["force"][2])
+    np.testing.assert_allclose(
+        names["force"], -contact.master_force, atol=1e-10 * names["force"][2]
+    )
     assert np.all(np.isfinite(names["pressure"].x.array))
 
 

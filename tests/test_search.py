@@ -72,8 +72,7 @@ def find(slave, master, distance=None):
 def pairs(slave, master, candidates, communicator=comm):
     """Pairs (slave facet, master facet) of the sources, from all ranks."""
     facet = {
-        tuple(master.block[nodes].tolist()): m
-        for m, (_, nodes) in enumerate(master.source.facets)
+        tuple(master.block[nodes].tolist()): m for m, (_, nodes) in enumerate(master.source.facets)
     }
     lists = candidates.master
     found = [
@@ -96,8 +95,8 @@ def bounding_box(kind, x):
     if kind in ("tri3", "quad4"):
         control = x
     elif kind == "tri6":
-        l, r, s = 1 - xi.sum(axis=1), *xi.T
-        basis = [l**2, r**2, s**2, 2 * r * s, 2 * l * s, 2 * l * r]
+        q, r, s = 1 - xi.sum(axis=1), *xi.T
+        basis = [q**2, r**2, s**2, 2 * r * s, 2 * q * s, 2 * q * r]
         control = np.linalg.solve(np.transpose(basis), x)
     else:
         xi = oracle.REFERENCE_NODES["quad9"]
@@ -123,8 +122,7 @@ def brute_force(slave, master, distance=None):
         for (i, (sl, su, sd, sn)), (j, (ml, mu, md, mn)) in itertools.product(
             enumerate(s), enumerate(m)
         )
-        if np.maximum(sl - mu, ml - su).max() <= (distance or max(sd, md))
-        and (sn @ mn.T).min() < 0
+        if np.maximum(sl - mu, ml - su).max() <= (distance or max(sd, md)) and (sn @ mn.T).min() < 0
     }
 
 

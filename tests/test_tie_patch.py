@@ -135,9 +135,7 @@ def test_overhanging_second_order(kind, multiplier, integration):
     t = fem.Constant(V.mesh, traction)
     forms[0] -= ufl.inner(t - part, v) * ds
     ties = cases.make_interfaces(case, multiplier=multiplier, integration=integration)
-    problem = dm.ContactProblem(
-        forms, u, bcs=cases.DirichletConditions(case).bcs, interfaces=ties
-    )
+    problem = dm.ContactProblem(forms, u, bcs=cases.DirichletConditions(case).bcs, interfaces=ties)
     problem.solve()
     assert relative_error(case, u) < 1e-9
     # Some nodes are covered too little to have a multiplier
@@ -228,9 +226,7 @@ def test_several_interfaces(element, multiplier):
         blocks.tie(1, 2),
         blocks.tie(0, 1, "x+", "x-"),
     ]
-    case = blocks.assemble(
-        parts, interfaces, conditions, exact=lambda part, x: strain @ x
-    )
+    case = blocks.assemble(parts, interfaces, conditions, exact=lambda part, x: strain @ x)
     u, _, _ = solve(case, multiplier=multiplier)
     assert relative_error(case, u) < 1e-9
 
@@ -315,9 +311,7 @@ ON_EDGES = [("quad8", "dual"), ("tri6", "dual")]
 
 
 @multipliers
-@pytest.mark.parametrize(
-    "kinds", [CURVED[0], *(pytest.param(k, marks=serial) for k in CURVED[1:])]
-)
+@pytest.mark.parametrize("kinds", [CURVED[0], *(pytest.param(k, marks=serial) for k in CURVED[1:])])
 def test_rotation_after_relocation(kinds, multiplier):
     """A rotation (linearised, as the material is) strains a curved tie, but not a relocated one.
 

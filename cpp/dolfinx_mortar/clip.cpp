@@ -7,9 +7,9 @@
 using namespace dolfinx_mortar;
 
 //-----------------------------------------------------------------------------
-ClipPolygon
-dolfinx_mortar::clip(std::span<const std::array<double, 2>> slave,
-                     std::span<const std::array<double, 2>> master, double tol)
+ClipPolygon dolfinx_mortar::clip(std::span<const std::array<double, 2>> slave,
+                                 std::span<const std::array<double, 2>> master,
+                                 double tol)
 {
   using Kind = ClipVertex::Kind;
   const int ns = slave.size();

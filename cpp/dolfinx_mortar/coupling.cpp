@@ -84,9 +84,8 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
 } // namespace
 
 //-----------------------------------------------------------------------------
-Interface
-dolfinx_mortar::create_interface(Surface slave, Surface master,
-                                 const IntegrationOptions& options)
+Interface dolfinx_mortar::create_interface(Surface slave, Surface master,
+                                           const IntegrationOptions& options)
 {
   const std::size_t num = num_local_nodes(slave);
   std::vector<std::int32_t> uses(num, 0);
@@ -116,12 +115,10 @@ Configuration dolfinx_mortar::configure(const Interface& interface,
                                         std::vector<double> x_slave,
                                         std::vector<double> x_master)
 {
-  Normals normals
-      = compute_normals(interface.slave, x_slave, interface.fixed);
-  Candidates candidates
-      = find_candidates(interface.slave, x_slave, interface.master, x_master,
-                        interface.options.distance,
-                        interface.options.leave_distant ? 2 : 1);
+  Normals normals = compute_normals(interface.slave, x_slave, interface.fixed);
+  Candidates candidates = find_candidates(
+      interface.slave, x_slave, interface.master, x_master,
+      interface.options.distance, interface.options.leave_distant ? 2 : 1);
   return {std::move(x_slave), std::move(x_master), std::move(normals),
           std::move(candidates)};
 }
@@ -139,64 +136,63 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   out.facet_area.resize(s.types.size(), 0.0);
   BlockAccumulator<1, 1> D, M, B, B_tilde;
   std::vector<std::int64_t> rows, columns;
-  for_each_facet(
-      interface, configuration, z, {}, Derivatives::none,
-      [&](std::int32_t f, std::span<const std::int32_t> nodes,
-          const FacetIntegrals& r)
-      {
-        out.dropped_area += r.dropped_area;
-        if (r.orphan)
-        {
-          if (out.num_orphans++ == 0)
-          {
-            for (auto k : nodes)
-            {
-              for (int c = 0; c < 3; ++c)
-              {
-                out.orphan[c]
-                    += configuration.x_slave[3 * k + c] / nodes.size();
-              }
-            }
-          }
-        }
-        if (!r.covered)
-          return;
-        out.area += r.area;
-        out.facet_area[f] = r.area;
-        ++out.num_covered;
-        out.num_pairs += configuration.candidates.offsets[f + 1]
-                         - configuration.candidates.offsets[f];
-        rows.clear();
-        columns.clear();
-        for (std::size_t k = 0; k < nodes.size(); ++k)
-        {
-          double* v = nodal.data() + 7 * nodes[k];
-          v[0] += r.coverage[k];
-          v[1] += r.diagonal[k];
-          v[2] += r.M.row(k).sum();
-          v[3] += r.gap[k];
-          for (int c = 0; c < 3; ++c)
-            v[4 + c] += r.offset(k, c);
-          rows.push_back(interface.carries[nodes[k]]
-                             ? interface.multipliers[nodes[k]]
-                             : -1);
-          columns.push_back(s.blocks[nodes[k]]);
-        }
-        if (matrices.D)
-          D.add(rows, columns, r.D.data());
-        if (matrices.M)
-          M.add(rows, r.master_blocks, r.M.data());
-        if (matrices.B)
-        {
-          B.add(rows, columns, r.D.data());
-          B.add(rows, r.master_blocks, r.M.data(), -1);
-        }
-        if (matrices.B_tilde)
-        {
-          B_tilde.add(rows, columns, r.D_tilde.data());
-          B_tilde.add(rows, r.master_blocks, r.M.data(), -1);
-        }
-      });
+  for_each_facet(interface, configuration, z, {}, Derivatives::none,
+                 [&](std::int32_t f, std::span<const std::int32_t> nodes,
+                     const FacetIntegrals& r)
+                 {
+                   out.dropped_area += r.dropped_area;
+                   if (r.orphan)
+                   {
+                     if (out.num_orphans++ == 0)
+                     {
+                       for (auto k : nodes)
+                       {
+                         for (int c = 0; c < 3; ++c)
+                         {
+                           out.orphan[c] += configuration.x_slave[3 * k + c]
+                                            / nodes.size();
+                         }
+                       }
+                     }
+                   }
+                   if (!r.covered)
+                     return;
+                   out.area += r.area;
+                   out.facet_area[f] = r.area;
+                   ++out.num_covered;
+                   out.num_pairs += configuration.candidates.offsets[f + 1]
+                                    - configuration.candidates.offsets[f];
+                   rows.clear();
+                   columns.clear();
+                   for (std::size_t k = 0; k < nodes.size(); ++k)
+                   {
+                     double* v = nodal.data() + 7 * nodes[k];
+                     v[0] += r.coverage[k];
+                     v[1] += r.diagonal[k];
+                     v[2] += r.M.row(k).sum();
+                     v[3] += r.gap[k];
+                     for (int c = 0; c < 3; ++c)
+                       v[4 + c] += r.offset(k, c);
+                     rows.push_back(interface.carries[nodes[k]]
+                                        ? interface.multipliers[nodes[k]]
+                                        : -1);
+                     columns.push_back(s.blocks[nodes[k]]);
+                   }
+                   if (matrices.D)
+                     D.add(rows, columns, r.D.data());
+                   if (matrices.M)
+                     M.add(rows, r.master_blocks, r.M.data());
+                   if (matrices.B)
+                   {
+                     B.add(rows, columns, r.D.data());
+                     B.add(rows, r.master_blocks, r.M.data(), -1);
+                   }
+                   if (matrices.B_tilde)
+                   {
+                     B_tilde.add(rows, columns, r.D_tilde.data());
+                     B_tilde.add(rows, r.master_blocks, r.M.data(), -1);
+                   }
+                 });
   D.flush(matrices.D);
   M.flush(matrices.M);
   B.flush(matrices.B);
@@ -228,35 +224,34 @@ void dolfinx_mortar::integrate_derivatives(const Interface& interface,
       = matrices.offset ? Derivatives::gap_and_slip : Derivatives::gap;
   BlockAccumulator<3, 3> force, offset;
   BlockAccumulator<1, 3> gap, gap_normal;
-  for_each_facet(
-      interface, configuration, z, active, derivatives,
-      [&](std::int32_t, std::span<const std::int32_t> nodes,
-          const FacetIntegrals& r)
-      {
-        if (!r.covered)
-          return;
-        blocks.clear();
-        multipliers.clear();
-        rows.clear();
-        for (auto k : nodes)
-        {
-          blocks.push_back(s.blocks[k]);
-          multipliers.push_back(interface.multipliers[k]);
-          rows.push_back(interface.carries[k] and active[k]
-                             ? interface.multipliers[k]
-                             : -1);
-        }
-        blocks.insert(blocks.end(), r.master_blocks.begin(),
-                      r.master_blocks.end());
-        if (matrices.force)
-          force.add(blocks, blocks, r.d_force.data());
-        if (matrices.gap)
-          gap.add(rows, blocks, r.d_gap.data());
-        if (matrices.gap_normal)
-          gap_normal.add(rows, multipliers, r.d_gap_normal.data());
-        if (matrices.offset)
-          offset.add(rows, blocks, r.d_offset.data());
-      });
+  for_each_facet(interface, configuration, z, active, derivatives,
+                 [&](std::int32_t, std::span<const std::int32_t> nodes,
+                     const FacetIntegrals& r)
+                 {
+                   if (!r.covered)
+                     return;
+                   blocks.clear();
+                   multipliers.clear();
+                   rows.clear();
+                   for (auto k : nodes)
+                   {
+                     blocks.push_back(s.blocks[k]);
+                     multipliers.push_back(interface.multipliers[k]);
+                     rows.push_back(interface.carries[k] and active[k]
+                                        ? interface.multipliers[k]
+                                        : -1);
+                   }
+                   blocks.insert(blocks.end(), r.master_blocks.begin(),
+                                 r.master_blocks.end());
+                   if (matrices.force)
+                     force.add(blocks, blocks, r.d_force.data());
+                   if (matrices.gap)
+                     gap.add(rows, blocks, r.d_gap.data());
+                   if (matrices.gap_normal)
+                     gap_normal.add(rows, multipliers, r.d_gap_normal.data());
+                   if (matrices.offset)
+                     offset.add(rows, blocks, r.d_offset.data());
+                 });
   force.flush(matrices.force);
   gap.flush(matrices.gap);
   gap_normal.flush(matrices.gap_normal);
@@ -377,9 +372,8 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
         = transformation(interface.options.space, type, positive);
     for (std::size_t q = 0; q < it->second.weights.size(); ++q)
     {
-      tabulate(type,
-               {it->second.points[2 * q], it->second.points[2 * q + 1]}, 1,
-               shapes);
+      tabulate(type, {it->second.points[2 * q], it->second.points[2 * q + 1]},
+               1, shapes);
       Eigen::Vector3d a1 = Eigen::Vector3d::Zero(), a2 = a1;
       for (int k = 0; k < n; ++k)
       {
@@ -425,9 +419,8 @@ dolfinx_mortar::flag_positive(const Interface& interface,
     double area = 0;
     for (std::size_t q = 0; q < it->second.weights.size(); ++q)
     {
-      tabulate(type,
-               {it->second.points[2 * q], it->second.points[2 * q + 1]}, 1,
-               shapes);
+      tabulate(type, {it->second.points[2 * q], it->second.points[2 * q + 1]},
+               1, shapes);
       Eigen::Vector3d a1 = Eigen::Vector3d::Zero(), a2 = a1;
       for (std::size_t k = 0; k < nodes.size(); ++k)
       {
@@ -437,7 +430,7 @@ dolfinx_mortar::flag_positive(const Interface& interface,
       }
       area += it->second.weights[q] * a1.cross(a2).norm();
     }
-    if (covered[f] < 0.999 * area)
+    if (covered[f] > 0 and covered[f] < 0.999 * area)
     {
       for (auto k : nodes)
         open[k] = 1;
@@ -472,7 +465,8 @@ Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,
   check(MatGetOwnershipRange(K, &begin, &end), "MatGetOwnershipRange");
   check(MatGetLocalSize(K, &num_rows, &num_columns), "MatGetLocalSize");
   if (static_cast<PetscInt>(sources.size()) != num_rows or num_rows % 3 != 0)
-    throw std::invalid_argument("Each local row needs a source, rows are blocks of 3.");
+    throw std::invalid_argument(
+        "Each local row needs a source, rows are blocks of 3.");
 
   std::vector<PetscInt> offsets = {0}, columns;
   std::vector<PetscScalar> values;
@@ -520,8 +514,7 @@ Mat dolfinx_mortar::combine_rows(Mat K, Mat Delta,
         "PetscObjectGetComm");
   Mat A;
   check(MatCreate(comm, &A), "MatCreate");
-  check(MatSetSizes(A, num_rows, num_columns, PETSC_DETERMINE,
-                    PETSC_DETERMINE),
+  check(MatSetSizes(A, num_rows, num_columns, PETSC_DETERMINE, PETSC_DETERMINE),
         "MatSetSizes");
   check(MatSetType(A, MATAIJ), "MatSetType");
   check(MatSetBlockSize(A, 3), "MatSetBlockSize");

@@ -77,8 +77,7 @@ struct Configuration
 /// @param[in] interface Interface.
 /// @param[in] x_slave,x_master Positions of local slave and master nodes,
 /// shapes (n, 3).
-Configuration configure(const Interface& interface,
-                        std::vector<double> x_slave,
+Configuration configure(const Interface& interface, std::vector<double> x_slave,
                         std::vector<double> x_master);
 
 /// @brief Nodal values that the integrals leave on the slave nodes; local nodes

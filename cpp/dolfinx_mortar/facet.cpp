@@ -54,8 +54,8 @@ void tensor(const std::array<std::array<int, 2>, n>& index,
 
 constexpr std::array<std::array<int, 2>, 4> quad4_index
     = {{{0, 0}, {1, 0}, {0, 1}, {1, 1}}};
-constexpr std::array<std::array<int, 2>, 9> quad9_index
-    = {{{0, 0}, {1, 0}, {0, 1}, {1, 1}, {2, 0}, {0, 2}, {1, 2}, {2, 1}, {2, 2}}};
+constexpr std::array<std::array<int, 2>, 9> quad9_index = {
+    {{0, 0}, {1, 0}, {0, 1}, {1, 1}, {2, 0}, {0, 2}, {1, 2}, {2, 1}, {2, 2}}};
 
 void tri6(std::array<double, 2> xi, int order, Shapes& s)
 {

@@ -39,10 +39,7 @@ constexpr int num_corners(FacetType type)
 }
 
 /// @brief True where the facet has nodes besides its corners.
-constexpr bool is_second_order(FacetType type)
-{
-  return num_nodes(type) > 4;
-}
+constexpr bool is_second_order(FacetType type) { return num_nodes(type) > 4; }
 
 /// @brief Total polynomial degree of the shape functions.
 constexpr int total_degree(FacetType type)

@@ -15,10 +15,10 @@ using ConstRowMap = Eigen::Map<const RowMatrix>;
 
 FacetView view(const FacetList& list, std::int32_t f)
 {
-  return {list.types[f], list.orientation[f],
-          std::span(list.x).subspan(3 * list.offsets[f],
-                                    3 * (list.offsets[f + 1]
-                                         - list.offsets[f]))};
+  return {
+      list.types[f], list.orientation[f],
+      std::span(list.x).subspan(3 * list.offsets[f],
+                                3 * (list.offsets[f + 1] - list.offsets[f]))};
 }
 
 /// Largest distance between two nodes of a facet.
@@ -27,7 +27,8 @@ double diameter(const FacetView& f)
   const ConstRowMap x(f.x.data(), num_nodes(f.type), 3);
   double d = 0;
   for (int i = 0; i < x.rows(); ++i)
-    d = std::max(d, (x.rowwise() - x.row(i)).rowwise().squaredNorm().maxCoeff());
+    d = std::max(d,
+                 (x.rowwise() - x.row(i)).rowwise().squaredNorm().maxCoeff());
   return std::sqrt(d);
 }
 
@@ -60,8 +61,7 @@ struct Rows
 {
   int mass, load, field, slave, master, size;
 
-  Rows(int n_lambda, int num_m, int num_fields, bool dual,
-       int num_generic)
+  Rows(int n_lambda, int num_m, int num_fields, bool dual, int num_generic)
   {
     mass = 0;
     load = mass + (dual ? n_lambda : 0);
@@ -155,10 +155,9 @@ void FacetIntegrator::tabulate_pair(const FacetView& slave,
   out.normal.noalias() = out.N * nodal;
   const Eigen::VectorXd length = out.normal.rowwise().norm();
   out.normal.array().colwise() /= length.array();
-  out.field.col(0)
-      = -(out.normal.array() * out.field.rightCols<3>().array())
-             .rowwise()
-             .sum();
+  out.field.col(0) = -(out.normal.array() * out.field.rightCols<3>().array())
+                          .rowwise()
+                          .sum();
   if (!derivatives)
     return;
 
@@ -182,20 +181,16 @@ void FacetIntegrator::tabulate_pair(const FacetView& slave,
     RowMatrix& de = out.dfield[2 + a];
     de.resize(np, 4);
     de.rightCols<3>().noalias() = -(out.dNm[a] * xm);
-    de.col(0) = -(out.normal.array() * de.rightCols<3>().array())
-                     .rowwise()
-                     .sum();
+    de.col(0)
+        = -(out.normal.array() * de.rightCols<3>().array()).rowwise().sum();
   }
 }
 //-----------------------------------------------------------------------------
-const FacetIntegrals&
-FacetIntegrator::compute(const FacetView& slave,
-                         std::span<const double> normals,
-                         std::span<const std::int8_t> carries,
-                         std::span<const std::int8_t> positive,
-                         std::span<const double> z, const FacetList& list,
-                         std::span<const std::int32_t> masters,
-                         Derivatives derivatives)
+const FacetIntegrals& FacetIntegrator::compute(
+    const FacetView& slave, std::span<const double> normals,
+    std::span<const std::int8_t> carries, std::span<const std::int8_t> positive,
+    std::span<const double> z, const FacetList& list,
+    std::span<const std::int32_t> masters, Derivatives derivatives)
 {
   FacetIntegrals& r = _result;
   r.master_blocks.clear();
@@ -259,8 +254,7 @@ FacetIntegrator::compute(const FacetView& slave,
   const int n = num_nodes(slave.type), nl = num_multipliers(space, slave.type);
   const int m = r.master_blocks.size();
   const FacetMatrix T = transformation(space, slave.type, positive);
-  const FacetMatrix T_inv
-      = inverse_transformation(space, slave.type, positive);
+  const FacetMatrix T_inv = inverse_transformation(space, slave.type, positive);
 
   // ∫ Ñ_j Ñ_k, ∫ Ñ_j N_l and ∫ Ñ_j (gap, offset)
   RowMatrix S = RowMatrix::Zero(nl, n);
@@ -458,8 +452,7 @@ FacetIntegrator::compute(const FacetView& slave,
         }
         for (int f = 0; f < nf; ++f)
         {
-          C_w[rows.field + f * nl + k]
-              = N * (s.field(q, f) - field_h(q, f));
+          C_w[rows.field + f * nl + k] = N * (s.field(q, f) - field_h(q, f));
         }
       }
       for (int i = 0; i < 3; ++i)
@@ -542,7 +535,8 @@ FacetIntegrator::compute(const FacetView& slave,
       chol.solve(dc);
       d_master.middleRows(i * m, m).noalias() += Sm.transpose() * dc;
       if (generic > 0)
-        dF.bottomRows(generic).noalias() += S.rightCols(generic).transpose() * dc;
+        dF.bottomRows(generic).noalias()
+            += S.rightCols(generic).transpose() * dc;
       // D̃ is diagonal: its entries are ∫ Ñ_k
       dF.topRows(nl) = d_mass.array().colwise() * ze.col(i).array();
     }

@@ -23,8 +23,8 @@ enum class Derivatives : std::int8_t
   gap_and_slip ///< and of the weighted relative position
 };
 
-using RowMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic,
-                                Eigen::RowMajor>;
+using RowMatrix
+    = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// @brief Mortar integrals of one slave facet with all its masters.
 ///
@@ -102,14 +102,12 @@ public:
   /// @param[in] derivatives Derivatives to compute.
   /// @return Integrals, valid until the next call.
   /// @throw std::runtime_error The facet is folded.
-  const FacetIntegrals& compute(const FacetView& slave,
-                                std::span<const double> normals,
-                                std::span<const std::int8_t> carries,
-                                std::span<const std::int8_t> positive,
-                                std::span<const double> z,
-                                const FacetList& list,
-                                std::span<const std::int32_t> masters,
-                                Derivatives derivatives);
+  const FacetIntegrals&
+  compute(const FacetView& slave, std::span<const double> normals,
+          std::span<const std::int8_t> carries,
+          std::span<const std::int8_t> positive, std::span<const double> z,
+          const FacetList& list, std::span<const std::int32_t> masters,
+          Derivatives derivatives);
 
 private:
   /// Rule for a pair, made once
@@ -118,14 +116,14 @@ private:
   /// Shape functions at the points of a pair, one row for each point
   struct PairShapes
   {
-    RowMatrix N, Nt;           // slave functions N and Ñ
+    RowMatrix N, Nt; // slave functions N and Ñ
     std::array<RowMatrix, 2> dN, dNt;
-    RowMatrix Nm;              // master functions
+    RowMatrix Nm; // master functions
     std::array<RowMatrix, 2> dNm;
-    RowMatrix field;           // gap and offset, shape (num_points, 4)
+    RowMatrix field;                 // gap and offset, shape (num_points, 4)
     std::array<RowMatrix, 4> dfield; // ∂/∂ξ₁, ∂/∂ξ₂, ∂/∂η₁, ∂/∂η₂
-    RowMatrix normal;          // unit normal, shape (num_points, 3)
-    RowMatrix gap_normal;      // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
+    RowMatrix normal;                // unit normal, shape (num_points, 3)
+    RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
   };
 
   void tabulate_pair(const FacetView& slave, const FacetView& master,

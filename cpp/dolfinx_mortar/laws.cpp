@@ -14,10 +14,10 @@ using Mat3 = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 } // namespace
 
 //-----------------------------------------------------------------------------
-ContactResidual
-dolfinx_mortar::contact_residual(const ContactState& state,
-                                 const Friction& friction,
-                                 std::span<const Status> forced, bool damped)
+ContactResidual dolfinx_mortar::contact_residual(const ContactState& state,
+                                                 const Friction& friction,
+                                                 std::span<const Status> forced,
+                                                 bool damped)
 {
   const std::size_t num = state.carries.size();
   const bool rough = friction.coefficient > 0 or friction.bound;
@@ -110,13 +110,14 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     const double db = friction.bound or p <= 0 ? 0.0 : friction.coefficient;
     if (stick)
     {
-      // b z_τ - b t = -b c_t u; without the factor where a node is told to stick
-      // before it touches: b is zero or round-off, and it would have no equation
+      // b z_τ - b t = -b c_t u; without the factor where a node is told to
+      // stick before it touches: b is zero or round-off, and it would have no
+      // equation
       r.status[j] = Status::stick;
       const bool bounded = forced.empty() and b > 0;
       const double s = bounded ? ct / sigma : ct;
       const double factor = bounded ? b : 1.0;
-      const double dfactor = bounded ? db : 0.0;
+      const double dfactor = bounded and !damped ? db : 0.0;
       C -= s * factor * u;
       Cz = -s * dfactor * u * n.transpose();
       Cg += s * dfactor * state.c_n[j] * u;
@@ -138,16 +139,11 @@ dolfinx_mortar::contact_residual(const ContactState& state,
     }
     // ‖t‖ z_τ - b t
     const Vec3 e = t / norm_t;
-    double factor = 1;
-    if (const double norm_z = z_tau.norm(); damped and norm_z > 0)
-    {
-      const double cosine = z_tau.dot(e) / norm_z;
-      factor = std::min(1.0, b / norm_z);
-      if (cosine < 0)
-        factor /= 1 - cosine * std::min(1.0, norm_z / std::max(b, 1e-300));
-    }
-    const Mat3 A
-        = (factor * z_tau * e.transpose() - b * Mat3::Identity()) / sigma;
+    // (z eᵀ - b I) / σ; where the traction reaches beyond the cone, with its
+    // projection b e in place of z
+    const bool beyond = damped and z_tau.dot(e) >= b;
+    const Vec3 direction = beyond ? Vec3(b * e) : z_tau;
+    const Mat3 A = (direction * e.transpose() - b * Mat3::Identity()) / sigma;
     const Mat3 At = A * F + (norm_t / sigma) * Mat3::Identity(); // by z_τ
     const double s = db / sigma;
     C += (norm_t * z_tau - b * t) / sigma;

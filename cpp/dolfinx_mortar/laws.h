@@ -13,9 +13,9 @@ namespace dolfinx_mortar
 /// @brief State of a slave node.
 enum class Status : std::int8_t
 {
-  open = 0, ///< no contact
+  open = 0,  ///< no contact
   stick = 1, ///< contact without slip
-  slip = 2  ///< contact with slip, frictionless contact included
+  slip = 2   ///< contact with slip, frictionless contact included
 };
 
 /// @brief Tangential behaviour.
@@ -28,7 +28,8 @@ struct Friction
   std::optional<double> bound;
 };
 
-/// @brief Nodal values that contact laws depend on; one entry, or row, per node.
+/// @brief Nodal values that contact laws depend on; one entry, or row, per
+/// node.
 struct ContactState
 {
   /// Multipliers, shape (n, 3)

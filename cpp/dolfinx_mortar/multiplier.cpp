@@ -83,8 +83,8 @@ dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
   const auto edges = edge_corners(type);
   for (int e = 0; e < nc; ++e)
   {
-    const EdgeShare s = edge_share(
-        space, type, !positive.empty() and positive[nc + e]);
+    const EdgeShare s
+        = edge_share(space, type, !positive.empty() and positive[nc + e]);
     for (int c : edges[e])
       T(nc + e, c) = s.corner;
     T(nc + e, nc + e) = s.edge;
@@ -112,8 +112,8 @@ dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
   const auto edges = edge_corners(type);
   for (int e = 0; e < nc; ++e)
   {
-    const EdgeShare s = edge_share(
-        space, type, !positive.empty() and positive[nc + e]);
+    const EdgeShare s
+        = edge_share(space, type, !positive.empty() and positive[nc + e]);
     for (int c : edges[e])
       T(nc + e, c) = -s.corner / s.edge;
     T(nc + e, nc + e) = 1 / s.edge;

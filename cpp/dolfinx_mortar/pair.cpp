@@ -86,14 +86,16 @@ struct LinearPart
   std::array<Vec3, 4> corners; // in that order
   Vec3 centre, c, n;           // c = non-normalised normal
   double norm_c;
-  Vec3 t1, t2;                      // tangents at the centre
-  Eigen::Vector2d xi, r1, r2;       // reference centre and tangents
+  Vec3 t1, t2;                // tangents at the centre
+  Eigen::Vector2d xi, r1, r2; // reference centre and tangents
 
   LinearPart(const FacetView& f, const SubFacet& sub) : size(sub.size)
   {
     auto ref = node_coordinates(f.type);
     auto R = [&](int i)
-    { return Eigen::Vector2d(ref[2 * sub.nodes[i]], ref[2 * sub.nodes[i] + 1]); };
+    {
+      return Eigen::Vector2d(ref[2 * sub.nodes[i]], ref[2 * sub.nodes[i] + 1]);
+    };
     auto x = [&](int i) { return node(f, sub.nodes[i]); };
     if (size == 3)
     {
@@ -283,8 +285,8 @@ struct MeasureDerivative
   }
 };
 
-using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic,
-                               Eigen::RowMajor>;
+using RowMajor
+    = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Points of one pair of sub-facets.
 void sub_pair_points(const FacetView& slave, const FacetView& master,
@@ -329,8 +331,7 @@ void sub_pair_points(const FacetView& slave, const FacetView& master,
   std::reverse(mr.nodes.begin(), mr.nodes.begin() + m.size);
   std::reverse(pm.begin(), pm.begin() + m.size);
 
-  const double size
-      = std::max(box_s[2] - box_s[0], box_s[3] - box_s[1]);
+  const double size = std::max(box_s[2] - box_s[0], box_s[3] - box_s[1]);
   const ClipPolygon polygon
       = clip(std::span(ps).first(s.size), std::span(pm).first(m.size),
              clip_tolerance * size);
@@ -428,8 +429,7 @@ void sub_pair_points(const FacetView& slave, const FacetView& master,
           points.d.data() + at, 5, nd);
 
       const double alpha = n.dot(qs.x - p), beta = n.dot(qm.x - p);
-      const Mat24 dp
-          = (1 - b1 - b2) * dV[0] + b1 * dV[i] + b2 * dV[i + 1];
+      const Mat24 dp = (1 - b1 - b2) * dV[0] + b1 * dV[i] + b2 * dV[i + 1];
       Eigen::Matrix<double, 5, 24> S;
       S.topRows<2>().noalias() = Ls * (dp + alpha * *dn_s);
       S.middleRows<2>(2).noalias() = Lm * (dp + beta * *dn_s);
@@ -438,8 +438,7 @@ void sub_pair_points(const FacetView& slave, const FacetView& master,
                  - w * (dm.C.transpose() * *dn_s);
       for (int j = 0; j < nsub / 3; ++j)
       {
-        const int k
-            = j < s.size ? s.nodes[j] : num_s + mr.nodes[j - s.size];
+        const int k = j < s.size ? s.nodes[j] : num_s + mr.nodes[j - s.size];
         T.middleCols<3>(3 * k) += S.middleCols<3>(3 * j);
       }
       // The facets themselves move
@@ -447,8 +446,7 @@ void sub_pair_points(const FacetView& slave, const FacetView& master,
       {
         T.block<2, 3>(0, 3 * k) -= qs.s.N[k] * Ls;
         T.block<1, 3>(4, 3 * k)
-            += w
-               * (qs.s.dN[0][k] * dm.A + qs.s.dN[1][k] * dm.B).transpose();
+            += w * (qs.s.dN[0][k] * dm.A + qs.s.dN[1][k] * dm.B).transpose();
       }
       for (int k = 0; k < num_m; ++k)
         T.block<2, 3>(2, 3 * (num_s + k)) -= qm.s.N[k] * Lm;
@@ -569,9 +567,8 @@ void dolfinx_mortar::append_element_points(const FacetView& slave,
     out.d.resize(at + 5 * nd, 0.0);
     Eigen::Map<RowMajor> T(out.d.data() + at, 5, nd);
     const double beta = n.dot(best.x - qs.x);
-    const Eigen::Matrix3d Pn
-        = (Eigen::Matrix3d::Identity() - n * n.transpose())
-          * (slave.orientation / norm_c);
+    const Eigen::Matrix3d Pn = (Eigen::Matrix3d::Identity() - n * n.transpose())
+                               * (slave.orientation / norm_c);
     for (int k = 0; k < num_s; ++k)
     {
       // dc = dN₁ dx × a₂ + dN₂ a₁ × dx
@@ -579,8 +576,7 @@ void dolfinx_mortar::append_element_points(const FacetView& slave,
       Eigen::Matrix3d dc; // dc = dx × v
       dc << 0, v[2], -v[1], -v[2], 0, v[0], v[1], -v[0], 0;
       T.block<2, 3>(2, 3 * k)
-          = Lm
-            * (qs.s.N[k] * Eigen::Matrix3d::Identity() + beta * (Pn * dc));
+          = Lm * (qs.s.N[k] * Eigen::Matrix3d::Identity() + beta * (Pn * dc));
       T.block<1, 3>(4, 3 * k)
           = (rule.weights[q] / norm_c) * (c.transpose() * dc);
     }

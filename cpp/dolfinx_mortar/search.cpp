@@ -254,8 +254,7 @@ void build(Tree& tree, std::span<const Box> boxes, std::int32_t begin,
         axis = c;
     const std::int32_t middle = begin + (end - begin) / 2;
     auto it = tree.order.begin();
-    std::nth_element(it + begin, it + middle, it + end,
-                     [&](auto a, auto b)
+    std::nth_element(it + begin, it + middle, it + end, [&](auto a, auto b)
                      { return centre(a, axis) < centre(b, axis); });
     build(tree, boxes, begin, middle);
     build(tree, boxes, middle, end);
@@ -383,7 +382,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   // Without a given distance it is that of a pair, max(d_slave, d_master):
   // boxes grown by their own facet's diameter meet in every such pair, and in
   // some more
-  auto reach = [&](const Outline& o) { return distance ? 0 : factor * o.diameter; };
+  auto reach
+      = [&](const Outline& o) { return distance ? 0 : factor * o.diameter; };
   const double extra = distance.value_or(0);
 
   const std::vector<Outline> slaves = outlines(slave, x_slave);
@@ -398,8 +398,7 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   {
     const std::vector<Outline> local = outlines(master, x_master);
     std::vector<Box> boxes(local.size());
-    std::ranges::transform(local, boxes.begin(),
-                           [&](const Outline& o)
+    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
                            { return grown(o.box, reach(o)); });
     near = collect(box, master, x_master, boxes);
   }
@@ -442,9 +441,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
     query(tree, grown(s.box, reach(s) + extra),
           [&](std::int32_t m)
           {
-            const double d
-                = distance.value_or(factor
-                                    * std::max(s.diameter, masters[m].diameter));
+            const double d = distance.value_or(
+                factor * std::max(s.diameter, masters[m].diameter));
             if (meet(grown(s.box, d), masters[m].box) and oppose(s, masters[m]))
               pairs.push_back(m);
           });

@@ -66,6 +66,5 @@ Candidates find_candidates(const Surface& slave,
                            std::span<const double> x_slave,
                            const Surface& master,
                            std::span<const double> x_master,
-                           std::optional<double> distance,
-                           double factor = 1);
+                           std::optional<double> distance, double factor = 1);
 } // namespace dolfinx_mortar

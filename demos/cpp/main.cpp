@@ -109,8 +109,8 @@ int main(int argc, char* argv[])
                 << "\nnorm of D:                 " << norm_D
                 << "\nnorm of M:                 " << norm_M
                 << "\nlargest row sum of D - M:  " << difference
-                << "\ncovered area:              " << area
-                << "  (exact: 0.49)" << std::endl;
+                << "\ncovered area:              " << area << "  (exact: 0.49)"
+                << std::endl;
     }
 
     VecDestroy(&translation);

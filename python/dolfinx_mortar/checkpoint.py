@@ -98,8 +98,7 @@ def save(problem: ContactProblem, path: str | Path) -> None:
     header["started"] = problem._started
     columns = [_columns(problem, b) for b in range(len(problem._functions))]
     sizes = [
-        d["cells"] * d["dofs_per_cell"] * c.shape[1] * 8
-        for d, c in zip(header["bodies"], columns)
+        d["cells"] * d["dofs_per_cell"] * c.shape[1] * 8 for d, c in zip(header["bodies"], columns)
     ]
     header["columns"] = [int(c.shape[1]) for c in columns]
     header["size"] = _HEADER + sum(sizes)

@@ -152,9 +152,7 @@ class Contact(Interface):
         n = self.num_owned
         weight = self._nodal["weight"][:n]
         carries = self._data.carries[:n].astype(bool)
-        return np.where(
-            carries, self._gap_weighted / np.where(carries, weight, 1.0), np.inf
-        )
+        return np.where(carries, self._gap_weighted / np.where(carries, weight, 1.0), np.inf)
 
     def _initial_status(self, unheld: bool) -> npt.NDArray[np.int8] | None:
         """States to begin with, or None for those that follow from the values. Collective.

@@ -22,7 +22,13 @@ from .layout import Layout
 
 # What the fields of a contact are made of
 _STATE = (
-    "_total_slip", "_dissipation", "_configuration", "_nodal", "_law", "_gap_weighted", "_scale"
+    "_total_slip",
+    "_dissipation",
+    "_configuration",
+    "_nodal",
+    "_law",
+    "_gap_weighted",
+    "_scale",
 )
 
 
@@ -76,7 +82,7 @@ class Coupling:
         owned = [i.num_owned for i in self.interfaces]
         starts = np.cumsum([0, *owned])
         self.size_z = 3 * int(starts[-1])
-        first = (self.comm.exscan(int(starts[-1])) or 0)
+        first = self.comm.exscan(int(starts[-1])) or 0
         self._first_multiplier = first
         #: First local multiplier of each interface
         self._starts = {id(i): int(s) for i, s in zip(self.interfaces, starts)}
@@ -212,8 +218,9 @@ class Coupling:
             for x in (slave, master):
                 low = self.comm.allreduce(x.min(axis=0, initial=np.inf), op=_MIN)
                 high = self.comm.allreduce(x.max(axis=0, initial=-np.inf), op=_MAX)
-                boxes.append(f"{np.array2string(low, precision=4)} to "
-                             f"{np.array2string(high, precision=4)}")
+                boxes.append(
+                    f"{np.array2string(low, precision=4)} to {np.array2string(high, precision=4)}"
+                )
             raise RuntimeError(
                 "No slave facet meets a master facet: slave "
                 f"{interface.slave[0].tag} spans {boxes[0]}, master {interface.master[0].tag} "
@@ -328,9 +335,7 @@ class Coupling:
         i._data.carries = i._candidates
         i._nodal = cpp.integrate(i._data, i._configuration)
         positive = np.asarray(cpp.flag_positive(i._data, x[0], i._nodal["facet_area"]))
-        changed = self.comm.allreduce(
-            bool(np.any(positive != i._data.positive)), op=MPI.LOR
-        )
+        changed = self.comm.allreduce(bool(np.any(positive != i._data.positive)), op=MPI.LOR)
         if changed:
             i._data.positive = positive
             i._weights = np.asarray(cpp.nodal_weights(i._data, i._surface_slave.X))
@@ -651,7 +656,9 @@ class Coupling:
         for c in self.contacts:
             start = self._starts[id(c)]
             cpp.add_blocks(
-                W_g, first + 3 * start, first_n + start,
+                W_g,
+                first + 3 * start,
+                first_n + start,
                 np.ascontiguousarray(c._law["dg"][:, :, None]),
             )
             cpp.add_blocks(W_n, first + 3 * start, first + 3 * start, c._law["dn"])
@@ -665,13 +672,20 @@ class Coupling:
                 n = c._configuration.normals[: c.num_owned]
                 closed = (c._status != OPEN)[:, None]
                 cpp.add_blocks(
-                    frozen, first_n + start, first + 3 * start,
+                    frozen,
+                    first_n + start,
+                    first + 3 * start,
                     np.ascontiguousarray(np.where(closed, -n, 0.0)[:, None, :]),
                 )
                 continue
             cpp.integrate_derivatives(
-                c._data, c._configuration, self.local_multipliers(z, c), active,
-                force=force, gap=gap, gap_normal=gap_normal,
+                c._data,
+                c._configuration,
+                self.local_multipliers(z, c),
+                active,
+                force=force,
+                gap=gap,
+                gap_normal=gap_normal,
                 offset=offset if c.is_frictional else None,
             )
             cpp.differentiate_normals(c._data, c._configuration, normals)
@@ -828,8 +842,10 @@ class Coupling:
         for tie in self.ties:
             bodies = {layout.body(p.V) for p in [*tie.slave, *tie.master]}
             low = min(group[b] for b in bodies)
-            group = [low if group[b] in {group[c] for c in bodies} else group[b]
-                     for b in range(len(group))]
+            group = [
+                low if group[b] in {group[c] for c in bodies} else group[b]
+                for b in range(len(group))
+            ]
         x = self._reference.reshape(-1, 3)
         scale = self.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX) or 1.0
         grams = self._components(group, x / scale)
@@ -856,7 +872,7 @@ class Coupling:
         """A label of the separate body that each owned block belongs to. Collective."""
         labels = []
         layout = self.layout
-        for b, V in enumerate(layout.spaces):
+        for b in range(len(layout.spaces)):
             label = layout.separate_bodies(b)
             labels.append(label[: layout.num_owned[b]] + 1000 * group[b])
         return np.concatenate(labels)

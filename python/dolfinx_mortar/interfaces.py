@@ -46,7 +46,9 @@ class Part(NamedTuple):
 
 def _choose(name: str, value: str, options: dict[str, Any]) -> Any:
     if value not in options:
-        raise ValueError(f"{name} is {value!r}, but must be one of {', '.join(map(repr, options))}.")
+        raise ValueError(
+            f"{name} is {value!r}, but must be one of {', '.join(map(repr, options))}."
+        )
     return options[value]
 
 

@@ -67,10 +67,7 @@ class Layout:
     def positions(self) -> npt.NDArray[np.float64]:
         """Reference positions of the owned dofs of all bodies, shape ``(size_u,)``."""
         return np.concatenate(
-            [
-                V.tabulate_dof_coordinates()[:n].ravel()
-                for V, n in zip(self.spaces, self.num_owned)
-            ]
+            [V.tabulate_dof_coordinates()[:n].ravel() for V, n in zip(self.spaces, self.num_owned)]
         )
 
     def separate_bodies(self, body: int) -> npt.NDArray[np.int64]:

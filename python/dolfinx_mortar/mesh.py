@@ -365,9 +365,7 @@ class _AbaqusFile:
             names = self.node_sets.setdefault(parameters["NSET"], [])
             names.extend(int(line[0]) for line in data)
 
-    def _read_elements(
-        self, path: Path, parameters: dict[str, str], data: list[list[str]]
-    ) -> None:
+    def _read_elements(self, path: Path, parameters: dict[str, str], data: list[list[str]]) -> None:
         name = parameters.get("TYPE", "")
         element = _abaqus_element(name)
         if element is None:

@@ -250,9 +250,7 @@ def surface(
     all_triangles = np.concatenate([part[1] + s for part, s in zip(parts, start)])
     all_lines = np.concatenate([part[2] + s for part, s in zip(parts, start)])
     faces = pv.PolyData(all_points, faces=np.insert(all_triangles, 0, 3, axis=1).ravel())
-    edges = pv.PolyData(
-        all_points, lines=np.insert(all_lines, 0, subdivisions + 1, axis=1).ravel()
-    )
+    edges = pv.PolyData(all_points, lines=np.insert(all_lines, 0, subdivisions + 1, axis=1).ravel())
     for k, name in enumerate(fields):
         value = np.concatenate([part[3 + k] for part in parts])
         faces.point_data[name] = value[:, 0] if value.shape[1] == 1 else value

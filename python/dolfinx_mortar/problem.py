@@ -22,7 +22,7 @@ from .condensation import LinearSolver
 from .contact import Contact
 from .coupling import Coupling
 from .errors import ConvergenceError
-from .interfaces import Interface, Tie
+from .interfaces import Interface
 from .layout import Layout
 
 _DEFAULTS = {
@@ -107,8 +107,10 @@ class ContactProblem:
         options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
         options = {k: v for k, v in options.items() if v is not None}
         jacobians = (
-            [ufl.derivative(f, w, ufl.TrialFunction(w.function_space)) for f, w in
-             zip(forms, self._functions)]
+            [
+                ufl.derivative(f, w, ufl.TrialFunction(w.function_space))
+                for f, w in zip(forms, self._functions)
+            ]
             if J is None
             else _list(J)
         )
@@ -220,7 +222,7 @@ class ContactProblem:
 
     def _prescribed_values(self) -> npt.NDArray[np.float64]:
         values = []
-        for b, V in enumerate(self._layout.spaces):
+        for b in range(len(self._layout.spaces)):
             array = np.zeros(3 * self._layout.num_local[b])
             for bc in self.bcs:
                 if self._layout.body_of_bc(bc) == b:
@@ -349,9 +351,7 @@ class ContactProblem:
 
     # -- Solve -------------------------------------------------------------------
 
-    def solve(
-        self, adaptive: Callable[[float], None] | None = None, max_cuts: int = 6
-    ) -> int:
+    def solve(self, adaptive: Callable[[float], None] | None = None, max_cuts: int = 6) -> int:
         """Solve from the present displacement. Collective.
 
         Args:

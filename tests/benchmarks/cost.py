@@ -22,12 +22,11 @@ from mpi4py import MPI
 
 import basix.ufl
 import dolfinx
+import dolfinx_mortar as dm
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import locate_entities_boundary, meshtags
-
-import dolfinx_mortar as dm
 from dolfinx_mortar import compat, cpp
 
 SLAVE, MASTER = 3, 7
@@ -53,9 +52,14 @@ def two_cubes(n: int, m: int):
     mesh = compat.create_mesh(MPI.COMM_WORLD, cells, element, x)
     mesh.topology.create_connectivity(2, 3)
     facets = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0))
-    above = dolfinx.mesh.compute_midpoints(
-        mesh, 3, np.array([mesh.topology.connectivity(2, 3).links(f)[0] for f in facets], np.int32)
-    )[:, 2] > 0
+    above = (
+        dolfinx.mesh.compute_midpoints(
+            mesh,
+            3,
+            np.array([mesh.topology.connectivity(2, 3).links(f)[0] for f in facets], np.int32),
+        )[:, 2]
+        > 0
+    )
     values = np.where(above, SLAVE, MASTER).astype(np.int32)
     return mesh, meshtags(mesh, 2, facets, values)
 
@@ -217,7 +221,9 @@ def main() -> None:
     results["peak memory [MB]"] = memory()
 
     if comm.rank == 0:
-        print(f"{n}³ on {m}³ hex27, {V.dofmap.index_map.size_global * 3} dofs, {n * n} slave facets")
+        print(
+            f"{n}³ on {m}³ hex27, {V.dofmap.index_map.size_global * 3} dofs, {n * n} slave facets"
+        )
         for key, value in results.items():
             if "memory" in key:
                 print(f"  {key:22s} {value:9.1f}")
@@ -232,8 +238,7 @@ def main() -> None:
             results["scaling"].append(row)
             if comm.rank == 0:
                 per = {k: f"{1e6 * v / row['facets']:.1f}" for k, v in row.items() if k != "facets"}
-                print(f"  {row['facets']:6d} slave facets, µs per facet: {per}, "
-                      f"{memory():.0f} MB")
+                print(f"  {row['facets']:6d} slave facets, µs per facet: {per}, {memory():.0f} MB")
     if args.out and comm.rank == 0:
         args.out.write_text(json.dumps(results, indent=1))
 
