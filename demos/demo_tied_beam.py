@@ -481,7 +481,7 @@ def report():
         panels,
         xlabel="$h$ of the slave side",
         ylabel="error in the energy norm",
-        slopes=(1, 2, 2.5),
+        slopes=(1, 1.5, 2),
         styles=styles,
     )
     print(f"\nWritten to {options.out}")

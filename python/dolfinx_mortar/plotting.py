@@ -425,7 +425,7 @@ def convergence_plot(
             the two finest meshes is added to each name.
         xlabel: Label of the horizontal axes.
         ylabel: Label of the vertical axis.
-        slopes: Orders for which a triangle is drawn.
+        slopes: Orders to compare with; a triangle is drawn under curves that come near.
         styles: Keyword arguments of matplotlib's ``plot`` for some of the names.
     """
     import matplotlib
@@ -435,7 +435,7 @@ def convergence_plot(
 
     panels = {title: curves for title, curves in panels.items() if curves}
     fig, axes = plt.subplots(
-        1, len(panels), figsize=(5.6 * len(panels), 5.2), sharey=True, squeeze=False
+        1, len(panels), figsize=(5.0 * len(panels), 5.6), sharey=True, squeeze=False
     )
     for axis, (title, curves) in zip(axes[0], panels.items()):
         for name, (h, errors) in curves.items():
@@ -448,7 +448,15 @@ def convergence_plot(
         _slope_triangles(axis, curves, slopes)
         axis.set(title=title, xlabel=xlabel)
         axis.grid(True, which="both", alpha=0.25)
-        axis.legend(fontsize=8, title="(order between the two finest)", title_fontsize=8)
+        axis.legend(
+            title="(order between the two finest)",
+            fontsize=8,
+            title_fontsize=8,
+            ncols=2,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.12),
+            frameon=False,
+        )
         for side in ("top", "right"):
             axis.spines[side].set_visible(False)
     axes[0, 0].set_ylabel(ylabel)
@@ -462,19 +470,17 @@ def _slope_triangles(
     curves: Mapping[str, tuple[Sequence[float], Sequence[float]]],
     slopes: Sequence[float],
 ) -> None:
-    """A triangle of each slope, under the lowest curve with about that order."""
-    for slope in slopes:
-        near = []
-        for h, errors in curves.values():
-            if len(h) > 1 and min(errors) > 0:
-                found = np.log(errors[-2] / errors[-1]) / np.log(h[-2] / h[-1])
-                if abs(found - slope) < 0.5:
-                    near.append((errors[-1], h[-1], h[-2]))
-        if not near:
-            continue
-        e, left, right = min(near)
-        low = 0.55 * e
-        left, right = left * 1.15, left * (right / left) ** 0.75 * 1.15
+    """Triangles for comparison, each under the lowest of the curves that are nearest to it."""
+    lowest: dict[float, tuple[float, float, float]] = {}
+    for h, errors in curves.values():
+        if len(h) > 1 and min(errors) > 0 and slopes:
+            found = np.log(errors[-2] / errors[-1]) / np.log(h[-2] / h[-1])
+            slope = min(slopes, key=lambda s: abs(s - found))
+            here = (errors[-1], h[-1], h[-2])
+            lowest[slope] = min(lowest.get(slope, here), here)
+    for slope, (error, left, right) in lowest.items():
+        low = 0.55 * error
+        left, right = 1.15 * left, 1.15 * left * (right / left) ** 0.75
         high = low * (right / left) ** slope
         axis.plot([left, right, right, left], [low, low, high, low], color="0.4", linewidth=1)
         axis.text(np.sqrt(left * right), low * 0.93, "1", ha="center", va="top", fontsize=8)
