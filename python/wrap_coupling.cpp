@@ -116,6 +116,7 @@ void wrap_coupling(nb::module_& m)
         d["coverage"] = as_array(std::move(r.coverage), {n});
         d["diagonal"] = as_array(std::move(r.diagonal), {n});
         d["weight"] = as_array(std::move(r.weight), {n});
+        d["near"] = as_array(std::move(r.near), {n});
         d["gap"] = as_array(std::move(r.gap), {n});
         d["offset"] = as_array(std::move(r.offset), {n, 3});
         d["area"] = r.area;
@@ -213,7 +214,8 @@ void wrap_coupling(nb::module_& m)
          std::optional<In<double>> motion, std::optional<In<double>> scale,
          In<double> c_n, In<double> c_t, In<std::int8_t> carries,
          In<std::int8_t> fixed, double friction, std::optional<double> bound,
-         std::optional<In<std::int8_t>> forced, bool damped)
+         std::optional<In<std::int8_t>> forced, bool damped,
+         std::optional<In<std::int8_t>> near)
       {
         std::vector<Status> states;
         if (forced)
@@ -225,7 +227,8 @@ void wrap_coupling(nb::module_& m)
             {span(z), span(normal), span(gap),
              motion ? span(*motion) : std::span<const double>(),
              scale ? span(*scale) : std::span<const double>(), span(c_n),
-             span(c_t), span(carries), span(fixed)},
+             span(c_t), span(carries), span(fixed),
+             near ? span(*near) : std::span<const std::int8_t>()},
             {friction, bound}, states, damped);
         const std::size_t n = r.status.size();
         std::vector<std::int8_t> status;
@@ -245,7 +248,7 @@ void wrap_coupling(nb::module_& m)
       nb::arg("scale").none(), nb::arg("c_n"), nb::arg("c_t"),
       nb::arg("carries"), nb::arg("fixed"), nb::arg("friction"),
       nb::arg("bound").none(), nb::arg("forced").none() = nb::none(),
-      nb::arg("damped") = false,
+      nb::arg("damped") = false, nb::arg("near").none() = nb::none(),
       "Contact conditions as a semi-smooth equation, for arrays of nodes.");
 
   m.def(

@@ -102,6 +102,11 @@ struct NodalIntegrals
   /// Covered area, and area left out as slivers, of the facets of this rank
   double area = 0, dropped_area = 0;
 
+  /// Non-zero for nodes on whose facets some point is nearly in contact. The
+  /// weighted gap of other nodes can be negative all the same, as Φ is in
+  /// places; that is no contact. Shape (n)
+  std::vector<std::int8_t> near;
+
   /// Covered area of each facet of this rank, shape (num_facets)
   std::vector<double> facet_area;
 

@@ -196,6 +196,7 @@ const FacetIntegrals& FacetIntegrator::compute(
   r.master_blocks.clear();
   r.covered = false;
   r.orphan = false;
+  r.touches = false;
   r.area = 0;
   r.dropped_area = 0;
   const bool derive = derivatives != Derivatives::none;
@@ -282,6 +283,7 @@ const FacetIntegrals& FacetIntegrator::compute(
       Sm.col(columns[p][l]) += part.col(l);
   }
 
+  r.touches = nearest <= 0.05 * diameter(slave);
   if (_options.leave_distant and nearest > _options.distance.value_or(reach))
   {
     r.area = 0;

@@ -46,6 +46,9 @@ struct FacetIntegrals
   /// Covered area, area left out as slivers
   double area = 0, dropped_area = 0;
 
+  /// True where the gap of some point is below 5 % of the facet's diameter
+  bool touches = false;
+
   /// ∫ Ñ_k over the covered part, shape (n)
   Eigen::VectorXd coverage;
 

@@ -43,7 +43,8 @@ ContactResidual dolfinx_mortar::contact_residual(const ContactState& state,
     const double zn = n.dot(z);
     const double cg = state.c_n[j] * state.gap[j];
     const double p = zn - cg;
-    bool closed = state.carries[j] and p > 0;
+    bool closed
+        = state.carries[j] and p > 0 and (state.near.empty() or state.near[j]);
     if (!forced.empty())
       closed = state.carries[j] and forced[j] != Status::open;
     if (!closed)

@@ -58,6 +58,10 @@ struct ContactState
 
   /// Non-zero for components whose displacement is prescribed, shape (n, 3)
   std::span<const std::int8_t> fixed;
+
+  /// Non-zero for nodes that can come into contact, see NodalIntegrals; empty
+  /// where all can
+  std::span<const std::int8_t> near;
 };
 
 /// @brief Complementarity function and its derivatives; row-major blocks.

@@ -135,6 +135,7 @@ class Contact(Interface):
             self.tresca,
             forced,
             damped,
+            np.ascontiguousarray(self._nodal["near"][:n]),
         )
 
     def _rescale(self) -> None:
