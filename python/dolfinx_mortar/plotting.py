@@ -10,6 +10,7 @@ functions, so hex20, hex27 and tet10 look as they are.
 from __future__ import annotations
 
 import atexit
+import ctypes
 import os
 import shutil
 import subprocess
@@ -271,10 +272,16 @@ def _display() -> bool:
     if shutil.which("Xvfb") is None:
         warnings.warn("no picture: there is no screen, and Xvfb is not installed", stacklevel=3)
         return False
+
+    def end_with_parent() -> None:
+        # Also when Python is killed and can not clean up: prctl(PR_SET_PDEATHSIG, SIGTERM)
+        ctypes.CDLL(None).prctl(1, 15)
+
     read, write = os.pipe()
     server = subprocess.Popen(
         ["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-nolisten", "tcp"],
         pass_fds=(write,),
+        preexec_fn=end_with_parent,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
