@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -151,16 +152,16 @@ class ContactProblem:
         self._x = PETSc.Vec().createMPI((n, None), comm=self.comm)
         self._f = self._x.duplicate()
         matrix = PETSc.Mat().createPython(
-            ((n, None), (n, None)), context=_NewtonMatrix(self), comm=self.comm
+            ((n, None), (n, None)), context=_NewtonMatrix(weakref.proxy(self)), comm=self.comm
         )
         matrix.setUp()
         self.snes = PETSc.SNES().create(self.comm)
         self.snes.setOptionsPrefix(prefix)
         self.snes.setType("newtonls")
-        self.snes.setFunction(self._snes_function, self._f)
-        self.snes.setJacobian(self._snes_jacobian, matrix)
-        self.snes.setConvergenceTest(self._converged)
-        self.snes.setLineSearchPreCheck(self._precheck)
+        self.snes.setFunction(_weak(self._snes_function), self._f)
+        self.snes.setJacobian(_weak(self._snes_jacobian), matrix)
+        self.snes.setConvergenceTest(_weak(self._converged))
+        self.snes.setLineSearchPreCheck(_weak(self._precheck))
         search = prefix + "snes_linesearch_type"
         if not database.hasName(search):
             database.setValue(search, "basic")
@@ -172,10 +173,10 @@ class ContactProblem:
         ksp.setType("preonly")
         pc = ksp.getPC()
         pc.setType("python")
-        pc.setPythonContext(_NewtonSolver(self))
+        pc.setPythonContext(_NewtonSolver(weakref.proxy(self)))
         self.snes.setFromOptions()
         if self._monitor:
-            self.snes.setMonitor(self._print_monitor)
+            self.snes.setMonitor(_weak(self._print_monitor))
         for name in given:
             # A factorization reads its options (mat_mumps_...) when it is first made
             if not name.startswith(prefix + "mat_"):
@@ -514,6 +515,14 @@ class ContactProblem:
 
     def _resultants(self, contact: Contact):
         return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))
+
+
+def _weak(method: Callable) -> Callable:
+    """A method that does not keep its object alive: PETSc's references are hidden from Python's
+    garbage collector.
+    """
+    reference = weakref.WeakMethod(method)
+    return lambda *args: reference()(*args)
 
 
 class _NewtonMatrix:
