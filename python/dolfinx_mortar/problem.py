@@ -518,8 +518,9 @@ class ContactProblem:
 
 
 def _weak(method: Callable) -> Callable:
-    """A method that does not keep its object alive: PETSc's references are hidden from Python's
-    garbage collector.
+    """A method that does not keep its object alive.
+
+    Python's garbage collector does not see the references that PETSc holds.
     """
     reference = weakref.WeakMethod(method)
     return lambda *args: reference()(*args)
