@@ -121,6 +121,9 @@ class Contact(Interface):
         """Complementarity function at the owned nodes; see C++ contact_residual."""
         n = self.num_owned
         self._gap_weighted = gap
+        # Distances of the reference configuration say nothing about the present one
+        frozen = self.geometry == "reference"
+        near = None if frozen else np.ascontiguousarray(self._nodal["near"][:n])
         self._law = cpp.contact_residual(
             np.ascontiguousarray(z[:n]),
             np.ascontiguousarray(self._configuration.normals[:n]),
@@ -135,7 +138,7 @@ class Contact(Interface):
             self.tresca,
             forced,
             damped,
-            np.ascontiguousarray(self._nodal["near"][:n]),
+            near,
         )
 
     def _rescale(self) -> None:
