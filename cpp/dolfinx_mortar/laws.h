@@ -99,12 +99,13 @@ struct ContactResidual
 /// @param[in] friction Tangential behaviour.
 /// @param[in] forced If not empty: states to use instead of those that follow
 /// from the values, shape (n).
-/// @param[in] damped Change the derivative of slipping nodes whose traction is
-/// outside of the cone, or points against their slip, as if it were on the cone
-/// (Hüeber, Stadler and Wohlmuth 2008), and of nodes with a gap as if the
-/// equations were written in components along the turning normal. That is no
-/// derivative any more but leads Newton's method to the solution, where both
-/// agree, from further away.
+/// @param[in] damped Change the derivative of slipping nodes whose traction
+/// reaches beyond the cone, z_τ·t ≥ b ‖t‖, by putting the projection b t / ‖t‖
+/// in place of z_τ (in the spirit of Hüeber, Stadler and Wohlmuth 2008), of
+/// sticking nodes by leaving out the change of the bound, and of nodes with a
+/// gap as if the equations were written in components along the turning
+/// normal. That is no derivative any more but leads Newton's method to the
+/// solution, where both agree, from further away.
 ContactResidual contact_residual(const ContactState& state,
                                  const Friction& friction,
                                  std::span<const Status> forced,
