@@ -47,7 +47,7 @@ def _columns(problem: ContactProblem, body: int) -> npt.NDArray[np.float64]:
     columns = [u]
     for i in coupling.interfaces:
         n = i.num_owned
-        z = coupling.local_multipliers(problem._z, i)
+        z = coupling.multipliers.local(problem._z, i)
         more = np.zeros((i.num_nodes, 8))
         if i in coupling.contacts and problem._started:
             more[:n, :3] = i._total_slip
@@ -222,7 +222,7 @@ def load(problem: ContactProblem, path: str | Path) -> None:
             at = local - layout.local_start(b)
             mine = (at >= 0) & (at < layout.num_local[b])
             nodal[mine] = values[b][at[mine], 3 + 11 * k : 14 + 11 * k]
-        problem._z[coupling.slice(i)] = nodal[:, :3].ravel()
+        problem._z[coupling.multipliers.slice(i)] = nodal[:, :3].ravel()
         if i in coupling.contacts:
             i._total_slip = nodal[:, 3:6].copy()
             carries = np.zeros(i.num_nodes, dtype=np.int8)

@@ -18,8 +18,6 @@ and what is left is a system in du alone: no saddle point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -27,65 +25,8 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.common import Timer
 
-from . import cpp
-
-
-@dataclass
-class NewtonSystem:
-    """Blocks of the linearised system, rows of Dirichlet dofs not yet treated.
-
-    Attributes:
-        K: Tangent of the bodies, n_u by n_u.
-        K_c: Derivative of the contact forces, n_u by n_u, or None.
-        B: Mortar matrix [D, -M], n_z by n_u.
-        B_tilde: The same with slave columns in the transformed basis.
-        T: Basis transformation minus the identity, n_u by n_u, or None where that vanishes.
-        C_u: Derivative of the constraints by displacements, n_z by n_u; rows outside ``active``
-            are empty.
-        C_z: Derivative of the constraints by multipliers, n_z by n_z.
-        active: Local multiplier dofs (ascending) whose constraint involves displacements.
-        own: Local displacement dof of the node of each of ``active``.
-        diagonal: Entry of D̃ of each of ``active``.
-        projector: Directions of the constraints at each owned multiplier node, shape (n, 3, 3):
-            the identity for tied and sticking nodes, n nᵀ for sliding ones, else zero.
-        fixed: Local displacement dofs with a Dirichlet condition.
-        tied: True where all active constraints are ties (then K may be kept symmetric).
-    """
-
-    K: PETSc.Mat
-    K_c: PETSc.Mat | None
-    B: PETSc.Mat
-    B_tilde: PETSc.Mat
-    T: PETSc.Mat | None
-    C_u: PETSc.Mat
-    C_z: PETSc.Mat
-    active: npt.NDArray[np.int32]
-    own: npt.NDArray[np.int32]
-    diagonal: npt.NDArray[np.float64]
-    projector: npt.NDArray[np.float64]
-    fixed: npt.NDArray[np.int32]
-    tied: bool
-
-
-def _vector(A: PETSc.Mat, values: npt.NDArray[np.float64], side: str) -> PETSc.Vec:
-    v = A.createVecLeft() if side == "left" else A.createVecRight()
-    v.array[:] = values
-    return v
-
-
-def _selection(
-    comm, rows: int, columns: int, i: npt.NDArray[np.int32], j: npt.NDArray[np.int32]
-) -> PETSc.Mat:
-    """Matrix of local sizes (rows, columns) with ones at the rank's own (i, j), i ascending."""
-    first = comm.exscan(columns) or 0
-    indptr = np.zeros(rows + 1, dtype=PETSc.IntType)
-    indptr[1 + i] = 1
-    indptr = np.cumsum(indptr, dtype=PETSc.IntType)
-    return PETSc.Mat().createAIJ(
-        ((rows, None), (columns, None)),
-        csr=(indptr, (first + j).astype(PETSc.IntType), np.ones(len(i))),
-        comm=comm,
-    )
+from . import cpp, sparse
+from .linearisation import NewtonSystem
 
 
 class LinearSolver:
@@ -174,8 +115,8 @@ class LinearSolver:
 
         # Multipliers that are not active: C_z is the identity
         dz = np.where(is_active, 0.0, r_z)
-        dz_vec = _vector(s.C_z, dz, "right")
-        r_test = _vector(s.K, r_u, "left")
+        dz_vec = sparse.right(s.C_z, dz)
+        r_test = sparse.left(s.K, r_u)
         if self._any(dz):
             w = s.B.createVecRight()
             s.B.multTranspose(dz_vec, w)
@@ -227,7 +168,7 @@ class LinearSolver:
         """
         scale = np.ones(s.K.getLocalSize()[0])
         scale[s.own] = _row_scale(s)
-        v = _vector(A, scale, "left")
+        v = sparse.left(A, scale)
         A.diagonalScale(L=v)
         b.pointwiseMult(b, v)
         v.destroy()
@@ -247,10 +188,10 @@ class LinearSolver:
         """
         n_u, n_z = s.K.getLocalSize()[0], s.C_z.getLocalSize()[0]
         order = np.argsort(s.own, kind="stable")
-        E = _selection(self.comm, n_u, n_z, s.own[order], s.active[order])
+        E = sparse.selection(self.comm, n_u, n_z, s.own[order], s.active[order])
         inverse = np.zeros(n_z)
         inverse[s.active] = 1.0 / s.diagonal
-        inverse = _vector(s.C_z, inverse, "right")
+        inverse = sparse.right(s.C_z, inverse)
         Y = s.B_tilde.transpose(PETSc.Mat())
         Y.diagonalScale(R=inverse)
         Y.axpy(-1.0, E)
@@ -266,11 +207,11 @@ class LinearSolver:
             N.axpy(1.0, NT)
             keep = np.ones(n_u)
             keep[s.own] = 0.0
-            Tt.diagonalScale(L=_vector(Tt, keep, "left"))
+            Tt.diagonalScale(L=sparse.left(Tt, keep))
             N.axpy(1.0, Tt)
             Tt.destroy()
             NT.destroy()
-        N.diagonalScale(R=_vector(N, free, "right"))
+        N.diagonalScale(R=sparse.right(N, free))
         for obj in (Y, EC, Et, inverse):
             obj.destroy()
         return N, E
@@ -289,7 +230,7 @@ class LinearSolver:
             rows = np.ones(n_u)
             rows[s.own] = 0.0
             K_c = s.K_c.copy()
-            K_c.diagonalScale(L=_vector(K_c, rows, "left"))
+            K_c.diagonalScale(L=sparse.left(K_c, rows))
             Delta.axpy(1.0, K_c)
             K_c.destroy()
         sources = np.zeros(n_u, dtype=np.int8)
@@ -332,12 +273,12 @@ class _ReducedPreconditioner:
         first = Pi.getOwnershipRange()[0]
         cpp.add_blocks(Pi, first, first, np.ascontiguousarray(s.projector))
         Pi.assemble()
-        Pi.diagonalScale(R=_vector(Pi, inverse, "right"))
+        Pi.diagonalScale(R=sparse.right(Pi, inverse))
         EPi = E.matMult(Pi)
         Q = EPi.matMult(s.B_tilde)
         Q.scale(-1.0)
         everywhere = np.arange(n_u, dtype=np.int32)
-        Q.axpy(1.0, _selection(comm, n_u, n_u, everywhere, everywhere))
+        Q.axpy(1.0, sparse.selection(comm, n_u, n_u, everywhere, everywhere))
         self._T = s.T
         if s.T is not None:
             TQ = s.T.matMult(Q)
@@ -410,7 +351,7 @@ class _ReducedPreconditioner:
         diagonal[s.active] = s.diagonal
         slide *= -diagonal
         rho.array[s.own] = slide[s.active]
-        z = _vector(s.C_z, self._inverse * slide, "right")
+        z = sparse.right(s.C_z, self._inverse * slide)
         w = s.K.createVecLeft()
         s.B_tilde.multTranspose(z, w)
         # Without the own entries of B̃
@@ -419,7 +360,7 @@ class _ReducedPreconditioner:
 
         # Motions of the constraints come first: their forces load the rest
         step = s.K.createVecRight()
-        e = _vector(s.C_z, move, "right")
+        e = sparse.right(s.C_z, move)
         E.mult(e, step)
         if s.T is not None:
             extra = s.K.createVecLeft()

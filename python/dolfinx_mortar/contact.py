@@ -117,17 +117,32 @@ class Contact(Interface):
             configuration.normals = np.tile(self._normal, (self.num_nodes, 1))
         return configuration
 
-    def _evaluate_law(self, z, gap, motion, forced, damped=False) -> None:
-        """Complementarity function at the owned nodes; see C++ contact_residual."""
-        n = self.num_owned
-        self._gap_weighted = gap
+    def _set_arguments(self, z, gap, motion, forced) -> None:
+        """State of the owned nodes that :meth:`_evaluate_law` is about.
+
+        Args:
+            z: Multipliers [traction], shape (num_owned, 3).
+            gap: Weighted gaps [length³], shape (num_owned,).
+            motion: Weighted relative motion in this step [length³], shape (num_owned, 3), or None
+                without friction.
+            forced: States to use, or None for those that follow from the values.
+        """
+        self._multipliers, self._gap_weighted = z, gap
+        self._motion, self._forced = motion, forced
+
+    def _evaluate_law(self, damped: bool = False) -> npt.NDArray[np.float64]:
+        """Complementarity function at the owned nodes, shape (num_owned, 3).
+
+        See C++ contact_residual; keeps its results in ``_law``.
+        """
+        n, motion = self.num_owned, self._motion
         # Distances of the reference configuration say nothing about the present one
         frozen = self.geometry == "reference"
         near = None if frozen else np.ascontiguousarray(self._nodal["near"][:n])
         self._law = cpp.contact_residual(
-            np.ascontiguousarray(z[:n]),
+            np.ascontiguousarray(self._multipliers),
             np.ascontiguousarray(self._configuration.normals[:n]),
-            np.ascontiguousarray(gap),
+            np.ascontiguousarray(self._gap_weighted),
             None if motion is None else np.ascontiguousarray(motion),
             self._scale if self.is_frictional else None,
             self._c_n,
@@ -136,15 +151,27 @@ class Contact(Interface):
             np.ascontiguousarray(self._fixed[:n]),
             self.friction,
             self.tresca,
-            forced,
+            self._forced,
             damped,
             near,
         )
+        return self._law["value"]
 
     def _rescale(self) -> None:
         """Let the tangential equations of nodes in contact be of the size of tractions."""
         bound = self._law["bound"]
         self._scale = np.where(bound > 0, bound, self._scale)
+
+    def _accept_slip(self) -> None:
+        """Add the slip of the step that ends with the last evaluated state."""
+        n = self._configuration.normals[: self.num_owned]
+        slip = np.sum(self._motion * n, axis=1)[:, None] * n - self._motion
+        closed = (self._status != OPEN)[:, None]
+        slip = np.where(closed, slip, 0.0)
+        self._dissipation = float(np.sum(self._multipliers * slip))
+        # An average of slip, from slip times area
+        weight = np.where(closed, self._nodal["weight"][: self.num_owned, None], 1.0)
+        self._total_slip = np.where(closed, self._total_slip + slip / weight, 0.0)
 
     @property
     def _status(self) -> npt.NDArray[np.int8]:

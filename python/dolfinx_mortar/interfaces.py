@@ -167,9 +167,16 @@ class Interface:
             fixed,
             self._leave_distant,
         )
-        weights = cpp.nodal_weights(self._data, self._surface_slave.X)
+        self._update_weights()
+
+    def _update_weights(self) -> None:
         #: Area that belongs to each local slave node [length²]
-        self._weights = np.asarray(weights)
+        self._weights = np.asarray(cpp.nodal_weights(self._data, self._surface_slave.X))
+
+    def _set_positive(self, positive: npt.NDArray[np.int8]) -> None:
+        """Choose at which local slave nodes the basis is to be positive. Collective."""
+        self._data.positive = positive
+        self._update_weights()
 
     def _check_orphans(self, nodal: dict) -> None:
         comm = self._layout.comm
@@ -181,6 +188,26 @@ class Interface:
                     "carry a multiplier: all its nodes belong to other interfaces or to Dirichlet "
                     "boundaries. Refine the slave surface there, or swap slave and master."
                 )
+
+    def _check_met(self, nodal: dict) -> None:
+        comm = self._layout.comm
+        if comm.allreduce(int(nodal["num_covered"])) > 0:
+            return
+        boxes = []
+        for surface in (self._surface_slave, self._surface_master):
+            X = surface.X[: surface.num_owned]
+            low = np.empty(3)
+            high = np.empty(3)
+            comm.Allreduce(X.min(axis=0, initial=np.inf), low, op=MPI.MIN)
+            comm.Allreduce(X.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
+            boxes.append(
+                f"{np.array2string(low, precision=4)} to {np.array2string(high, precision=4)}"
+            )
+        raise RuntimeError(
+            f"No slave facet meets a master facet: slave {self.slave[0].tag} spans {boxes[0]}, "
+            f"master {self.master[0].tag} {boxes[1]}. Check the tags, that the surfaces face each "
+            "other, and search_distance."
+        )
 
     def _drop_uncovered(self, nodal: dict) -> bool:
         """Let only nodes carry a multiplier that a master covers enough.
@@ -221,7 +248,8 @@ class Interface:
 
     def _z(self) -> npt.NDArray[np.float64]:
         """Multipliers at the local slave nodes, shape (n, 3). Collective."""
-        return self._owner()._local_multipliers(self)
+        problem = self._owner()
+        return problem._coupling.multipliers.local(problem._z, self)
 
     def _owner(self) -> ContactProblem:
         if self._problem is None:
@@ -295,8 +323,8 @@ class Interface:
     # -- Matrices -------------------------------------------------------------
 
     def _matrices(self, u_all: npt.NDArray[np.float64] | None) -> tuple[PETSc.Mat, PETSc.Mat]:
-        problem = self._owner()
-        D, M = problem._create_z_by_u(), problem._create_z_by_u()
+        multipliers = self._owner()._coupling.multipliers
+        D, M = multipliers.z_by_u(), multipliers.z_by_u()
         cpp.integrate(self._data, self._configure(u_all), D=D, M=M)
         D.assemble()
         M.assemble()
@@ -319,7 +347,7 @@ class Interface:
     @property
     def T(self) -> PETSc.Mat:
         """Basis transformation (equations 4.5, 4.13): displacement by displacement dofs."""
-        return self._owner()._transformation([self], inverse=False)
+        return self._owner()._coupling.multipliers.transformation([self], inverse=False)
 
     def _inverse(self) -> PETSc.Mat:
         if self.multiplier_space != "dual":
@@ -327,12 +355,12 @@ class Interface:
                 "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and constraints are "
                 f"not available with {self.multiplier_space!r}."
             )
-        return self._owner()._coupling.inverse(self)
+        return self._owner()._coupling.multipliers.inverse(self)
 
     @property
     def T_inverse(self) -> PETSc.Mat:
         """Exact inverse of T (equations 4.6, 4.14)."""
-        return self._owner()._transformation([self], inverse=True)
+        return self._owner()._coupling.multipliers.transformation([self], inverse=True)
 
     @property
     def D_inverse(self) -> PETSc.Mat:
@@ -389,4 +417,6 @@ class Tie(Interface):
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        return self._owner()._coupling.constraints(self)
+        coupling = self._owner()._coupling
+        assert coupling.B_ties is not None
+        return coupling.multipliers.constraints(self, coupling.B_ties[1])

@@ -25,6 +25,7 @@ from .coupling import Coupling
 from .errors import ConvergenceError
 from .interfaces import Interface
 from .layout import Layout
+from .linearisation import NewtonSystem, linearise
 
 _DEFAULTS = {
     "snes_rtol": 1e-9,
@@ -122,7 +123,7 @@ class ContactProblem:
         self._coupling = Coupling(self._layout, self.interfaces, self.bcs)
         for i in self.interfaces:
             i._problem = self
-        self._n_u, self._n_z = self._layout.size_u, self._coupling.size_z
+        self._n_u, self._n_z = self._layout.size_u, self._coupling.multipliers.size
         self._z = np.zeros(self._n_z)
         self._started = False
         self.history: list[dict] = []
@@ -181,15 +182,6 @@ class ContactProblem:
             # A factorization reads its options (mat_mumps_...) when it is first made
             if not name.startswith(prefix + "mat_"):
                 database.delValue(name)
-
-    def _create_z_by_u(self) -> PETSc.Mat:
-        return self._coupling.create_matrix(self._n_z, self._n_u)
-
-    def _transformation(self, interfaces: Sequence[Interface], inverse: bool) -> PETSc.Mat:
-        return self._coupling.transformation(interfaces, inverse)
-
-    def _local_multipliers(self, interface: Interface) -> npt.NDArray[np.float64]:
-        return self._coupling.local_multipliers(self._z, interface)
 
     # -- Newton's iteration ------------------------------------------------------
 
@@ -259,11 +251,13 @@ class ContactProblem:
         f[self._n_u :] = self._coupling.rescale(f[self._n_u :])
         K = self._assemble_tangent()
         self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * x.array_r[: self._n_u])
-        self._system = self._coupling.linearise(K, self._z)
+        self._system = linearise(self._coupling, K, self._z)
 
     def _release_system(self) -> None:
         if self._system is not None:
-            self._coupling.release(self._system, keep=self._tangents)
+            self._system.destroy()
+            if self._system.K is not self._tangents[0]:
+                self._system.K.destroy()
             self._system = None
 
     def _precheck(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
@@ -303,11 +297,10 @@ class ContactProblem:
             self._force_reference, self._force_scale, residual, self._force_floor
         )
         length = max(self._max(x[:n]), bc)
-        constraint = self._coupling.constraint_measure(f[n:], x[n:], length)
         return {
             "force": residual / self._force_reference if self._force_reference > 0 else 0.0,
             "residual": residual,
-            "constraint": self.comm.allreduce(constraint, op=MPI.MAX),
+            "constraint": self._coupling.constraint_measure(f[n:], x[n:], length),
             "prescribed": bc / length if length > 0 else 0.0,
         }
 
@@ -317,8 +310,8 @@ class ContactProblem:
         if self._cached is None or not np.isfinite(norms[2]):
             return Reason.DIVERGED_FNORM_NAN
         m = self._measures()
-        counts = self._coupling.status_counts()
-        changes = self._coupling.update_history(it)
+        sets = self._coupling.active_sets
+        counts, changes = sets.counts(), sets.record()
         if it > 0 and not self._coupling.has_contact:
             changes = 0
         record = {"iteration": it, **m, **counts, "changes": changes}
@@ -327,15 +320,20 @@ class ContactProblem:
         small = max(m["force"], m["constraint"], m["prescribed"]) <= rtol or (
             m["residual"] <= atol and m["constraint"] <= rtol and m["prescribed"] <= rtol
         )
-        settled = changes == 0 or (it > 0 and self._coupling.undecided(self._z, rtol))
+        settled = changes == 0 or sets.undecided(self._contact_multipliers(), rtol)
         if small and settled and self._forced is None:
             return Reason.CONVERGED_FNORM_RELATIVE
         if it >= max_it:
             return Reason.DIVERGED_MAX_IT
-        if self._coupling.cycling():
+        if sets.cycling():
             self._cycle_pending = True
             record["cycle"] = True
         return Reason.CONVERGED_ITERATING
+
+    def _contact_multipliers(self) -> list[npt.NDArray[np.float64]]:
+        """Multipliers of the owned nodes of each contact, shape (num_owned, 3)."""
+        c = self._coupling
+        return [self._z[c.multipliers.slice(i)].reshape(-1, 3) for i in c.contacts]
 
     def _print_monitor(self, snes, it: int, norm: float) -> None:
         if self.history and self.comm.rank == 0:
@@ -464,7 +462,7 @@ class ContactProblem:
         self._coupling.begin(u_all, u)
         if self._coupling.has_contact and not self._started:
             self._evaluate(self._x.array_r)
-            self._forced = self._coupling.initial_status(self._functions)
+            self._forced = self._coupling.initial_status()
             if self._forced is not None:
                 self._cached = None
 
@@ -533,23 +531,8 @@ class _NewtonMatrix:
         self._problem = problem
 
     def mult(self, mat, x, y):
-        p = self._problem
-        n = p._n_u
-        s = p._system
-        u, z = s.K.createVecRight(), s.C_z.createVecRight()
-        fu, fz, w, v = s.K.createVecLeft(), s.C_z.createVecLeft(), s.K.createVecLeft(), None
-        u.array[:], z.array[:] = x.array_r[:n], x.array_r[n:]
-        s.K.mult(u, fu)
-        if s.K_c is not None:
-            s.K_c.multAdd(u, fu, fu)
-        s.B.multTranspose(z, w)
-        fu.array[:] += w.array
-        fu.array[s.fixed] = u.array[s.fixed]
-        v = s.C_z.createVecLeft()
-        s.C_u.mult(u, fz)
-        s.C_z.mult(z, v)
-        y.array[:n] = fu.array
-        y.array[n:] = fz.array + v.array
+        n = self._problem._n_u
+        y.array[:n], y.array[n:] = self._problem._system.multiply(x.array_r[:n], x.array_r[n:])
 
 
 class _NewtonSolver:

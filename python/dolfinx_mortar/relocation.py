@@ -13,9 +13,10 @@ import numpy as np
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from .coupling import Coupling
+from . import sparse
 from .interfaces import Tie
 from .layout import Layout
+from .multipliers import Multipliers
 
 
 def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) -> float:
@@ -49,19 +50,15 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
         if part.V not in spaces:
             spaces.append(part.V)
     layout = Layout(spaces)
-    coupling = Coupling(layout, [tie], bcs)
-    assert coupling._B_ties is not None
-    B, B_tilde = coupling._B_ties
-    X = coupling._reference
+    multipliers = Multipliers(layout, [tie], bcs)
+    pair = multipliers.integrate_ties()
+    assert pair is not None
+    B, B_tilde = pair
 
     # Motion of the nodes that carry multipliers such that B (X + dX) = 0
-    x = B.createVecRight()
-    x.array[:] = X
-    r = B.createVecLeft()
-    B.mult(x, r)
+    r = sparse.product(B, layout.positions())
     carries = np.repeat(tie._data.carries[: tie.num_owned].astype(bool), 3)
-    blocks = tie._surface_slave.blocks[: tie.num_owned] - layout.first_u // 3
-    own = (3 * blocks[:, None] + np.arange(3)).ravel()
+    own = multipliers.own_dofs(tie)
     rows = np.flatnonzero(carries).astype(PETSc.IntType)
     first_z, first_u = B.getOwnershipRange()[0], layout.first_u
     comm = layout.comm
@@ -76,18 +73,15 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     ksp.getPC().setType("lu")
     ksp.getPC().setFactorSolverType("mumps")
     b, dx = D.createVecLeft(), D.createVecRight()
-    b.array[:] = -r.array[rows]
+    b.array[:] = -r[rows]
     ksp.solve(b, dx)
     motion = np.zeros(layout.size_u)
     motion[own[rows]] = dx.array
-    if coupling._T is not None:
-        v, w = coupling._T.createVecRight(), coupling._T.createVecLeft()
-        v.array[:] = motion
-        coupling._T.mult(v, w)
-        motion = w.array.copy()
+    if multipliers.T is not None:
+        motion = sparse.product(multipliers.T, motion)
 
     size = np.sqrt(np.maximum(tie._weights[: tie.num_owned], 0.0))
-    length = np.linalg.norm(motion.reshape(-1, 3)[blocks], axis=1)
+    length = np.linalg.norm(motion[own].reshape(-1, 3), axis=1)
     worst = np.argmax(length - limit * size) if len(length) else 0
     bad = None
     if len(length) and length[worst] > limit * size[worst]:

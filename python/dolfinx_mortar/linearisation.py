@@ -1,0 +1,236 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Newton system of the bodies and their interfaces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.common import Timer
+
+from . import cpp, sparse
+from .contact import OPEN, SLIP, Contact
+from .coupling import Coupling
+
+
+@dataclass
+class NewtonSystem:
+    """Blocks of the linearised system, rows of Dirichlet dofs not yet treated.
+
+        (K + K_c) du + Bᵀ dz = r_u
+        C_u du + C_z dz = r_z
+
+    Attributes:
+        K: Tangent of the bodies, n_u by n_u.
+        K_c: Derivative of the contact forces, n_u by n_u, or None.
+        B: Mortar matrix [D, -M], n_z by n_u.
+        B_tilde: The same with slave columns in the transformed basis.
+        T: Basis transformation minus the identity, n_u by n_u, or None where that vanishes.
+        C_u: Derivative of the constraints by displacements, n_z by n_u; rows outside ``active``
+            are empty.
+        C_z: Derivative of the constraints by multipliers, n_z by n_z.
+        active: Local multiplier dofs (ascending) whose constraint involves displacements.
+        own: Local displacement dof of the node of each of ``active``.
+        diagonal: Entry of D̃ of each of ``active``.
+        projector: Directions of the constraints at each owned multiplier node, shape (n, 3, 3):
+            the identity for tied and sticking nodes, n nᵀ for sliding ones, else zero.
+        fixed: Local displacement dofs with a Dirichlet condition.
+        tied: True where all active constraints are ties (then K may be kept symmetric).
+    """
+
+    K: PETSc.Mat
+    K_c: PETSc.Mat | None
+    B: PETSc.Mat
+    B_tilde: PETSc.Mat
+    T: PETSc.Mat | None
+    C_u: PETSc.Mat
+    C_z: PETSc.Mat
+    active: npt.NDArray[np.int32]
+    own: npt.NDArray[np.int32]
+    diagonal: npt.NDArray[np.float64]
+    projector: npt.NDArray[np.float64]
+    fixed: npt.NDArray[np.int32]
+    tied: bool
+
+    def destroy(self) -> None:
+        """Free what was made for this system alone; K, B and T are others'."""
+        sparse.destroy(self.K_c, self.C_u, self.C_z)
+
+    def multiply(
+        self, u: npt.NDArray[np.float64], z: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """The system's left-hand side for (du, dz); rows of Dirichlet dofs are unit rows."""
+        f_u = sparse.product(self.K, u) + sparse.product_transposed(self.B, z)
+        if self.K_c is not None:
+            f_u += sparse.product(self.K_c, u)
+        f_u[self.fixed] = u[self.fixed]
+        return f_u, sparse.product(self.C_u, u) + sparse.product(self.C_z, z)
+
+
+def linearise(coupling: Coupling, K: PETSc.Mat, z: npt.NDArray[np.float64]) -> NewtonSystem:
+    """Newton system at the state of the last :meth:`Coupling.evaluate`. Collective.
+
+    Args:
+        coupling: Interfaces.
+        K: Tangent of the bodies.
+        z: Owned multipliers.
+    """
+    m = coupling.multipliers
+    if coupling.B is None:
+        coupling.B, coupling.B_tilde = m.empty_B()
+        coupling.B.assemble()
+    active, blocks, projector, diagonal, own = _nodal_terms(coupling)
+    C_z = sparse.empty(m.comm, m.size, m.size)
+    cpp.add_blocks(C_z, m.first, m.first, blocks)
+    C_z.assemble()
+
+    K_c = None
+    if coupling.contacts:
+        with Timer("~mortar: linearise"):
+            C_u, K_c = _contact_derivative(coupling, z)
+    else:
+        C_u = m.z_by_u()
+        C_u.assemble()
+    if coupling.B_ties is not None:
+        mask = np.zeros(m.size)
+        for tie in coupling.ties:
+            mask[m.slice(tie)] = m.tied(tie)
+        tied = sparse.scale_rows(coupling.B_ties[0].copy(), mask)
+        C_u.axpy(1.0, tied)
+        tied.destroy()
+    return NewtonSystem(
+        K=K,
+        K_c=K_c,
+        B=coupling.B,
+        B_tilde=coupling.B_tilde,
+        T=m.T_minus_one,
+        C_u=C_u,
+        C_z=C_z,
+        active=active,
+        own=own[active],
+        diagonal=diagonal[active],
+        projector=projector,
+        fixed=coupling.fixed_dofs,
+        tied=not coupling.contacts,
+    )
+
+
+def _nodal_terms(coupling: Coupling):
+    """What is known node by node.
+
+    Returns:
+        Active multiplier dofs; derivative of the constraints by multipliers, shape (n, 3, 3);
+        directions of the constraints, shape (n, 3, 3); entries of D̃ and local displacement dof
+        of each multiplier dof.
+    """
+    m = coupling.multipliers
+    n = m.size // 3
+    active = np.zeros((n, 3), dtype=bool)
+    blocks, projector = np.zeros((2, n, 3, 3))
+    diagonal, own = np.zeros(m.size), np.zeros(m.size, dtype=np.int32)
+    eye = np.eye(3)
+    for i in coupling.interfaces:
+        nodes, dofs, size = m.nodes(i), m.slice(i), i.num_owned
+        own[dofs] = m.own_dofs(i)
+        diagonal[dofs] = np.repeat(i._nodal["diagonal"][:size], 3)
+        directions = np.tile(eye, (size, 1, 1))
+        if isinstance(i, Contact):
+            flags = (i._status != OPEN)[:, None] & (i._fixed[:size] == 0)
+            blocks[nodes] = i._law["dz"]
+            normal, sliding = i._configuration.normals[:size], i._status == SLIP
+            directions[sliding] = normal[sliding, :, None] * normal[sliding, None, :]
+        else:
+            flags = m.tied(i).reshape(-1, 3)
+            blocks[nodes] = eye * ~flags[:, :, None]
+        active[nodes] = flags
+        projector[nodes] = directions * flags[:, :, None] * flags[:, None, :]
+    return np.flatnonzero(active).astype(np.int32), blocks, projector, diagonal, own
+
+
+def _contact_derivative(
+    coupling: Coupling, z: npt.NDArray[np.float64]
+) -> tuple[PETSc.Mat, PETSc.Mat | None]:
+    """Derivatives by displacements of the constraints of contacts, and of their forces.
+
+    The constraints C depend on weighted gaps g, normals n and motions w,
+
+        C_u = W_g (∂g/∂u + ∂g/∂n ∂n/∂u) + W_n ∂n/∂u + W_w ∂w/∂u.
+
+    Returns:
+        C_u, and ∂(Bᵀz)/∂u or None where all geometry is frozen.
+    """
+    m, comm = coupling.multipliers, coupling.comm
+    n_u, n_z = coupling.layout.size_u, m.size
+    n_n, first, first_n = n_z // 3, m.first, m.first // 3
+    current = [c for c in coupling.contacts if c.geometry == "current"]
+    frozen = [c for c in coupling.contacts if c.geometry == "reference"]
+    frictional = [c for c in coupling.contacts if c.is_frictional]
+
+    W_g, W_n = sparse.empty(comm, n_z, n_n), sparse.empty(comm, n_z, n_z)
+    W_w = sparse.empty(comm, n_z, n_z) if frictional else None
+    gap, gap_normal = sparse.empty(comm, n_n, n_u), sparse.empty(comm, n_n, n_z)
+    normals = m.z_by_u()
+    offset = m.z_by_u() if frictional else None
+    force = sparse.empty(comm, n_u, n_u) if current else None
+    against = sparse.empty(comm, n_n, n_z) if frozen else None
+    for c in coupling.contacts:
+        row, row_n = first + m.slice(c).start, first_n + m.nodes(c).start
+        cpp.add_blocks(W_g, row, row_n, np.ascontiguousarray(c._law["dg"][:, :, None]))
+        cpp.add_blocks(W_n, row, row, c._law["dn"])
+        if W_w is not None:
+            sign = 1.0 if c.geometry == "current" else -1.0
+            cpp.add_blocks(W_w, row, row, sign * c._law["dw"])
+        closed = c._status != OPEN
+        if c.geometry == "reference":
+            n = np.where(closed[:, None], -c._configuration.normals[: c.num_owned], 0.0)
+            cpp.add_blocks(against, row_n, row, np.ascontiguousarray(n[:, None, :]))
+            continue
+        active = np.zeros(c.num_nodes, dtype=np.int8)
+        active[: c.num_owned] = closed
+        cpp.scatter_forward(c._surface_slave, active)
+        cpp.integrate_derivatives(
+            c._data,
+            c._configuration,
+            m.local(z, c),
+            active,
+            force=force,
+            gap=gap,
+            gap_normal=gap_normal,
+            offset=offset if c.is_frictional else None,
+        )
+        cpp.differentiate_normals(c._data, c._configuration, normals)
+    parts = [W_g, W_n, W_w, gap, gap_normal, normals, offset, against]
+    for A in [*parts, force]:
+        if A is not None:
+            A.assemble()
+
+    G = gap_normal.matMult(normals)
+    G.axpy(1.0, gap)
+    if frozen:
+        F = against.matMult(coupling.B_contact)
+        G.axpy(1.0, F)
+        F.destroy()
+    C_u = W_g.matMult(G)
+    N = W_n.matMult(normals)
+    C_u.axpy(1.0, N)
+    if frictional:
+        # Motion: offset - B_old x (current geometry), B u_old - B u (frozen)
+        _add_rows(offset, -1.0, coupling.B_old, m.mask([c for c in current if c in frictional]))
+        _add_rows(offset, 1.0, coupling.B_contact, m.mask([c for c in frozen if c in frictional]))
+        S = W_w.matMult(offset)
+        C_u.axpy(1.0, S)
+        S.destroy()
+    sparse.destroy(*parts, G, N)
+    return C_u, force
+
+
+def _add_rows(A: PETSc.Mat, factor: float, B: PETSc.Mat, mask: npt.NDArray[np.float64]) -> None:
+    """Add the rows of B where mask is one, times a factor, to A. Collective."""
+    if A.comm.tompi4py().allreduce(bool(np.any(mask))):
+        R = sparse.scale_rows(B.copy(), mask)
+        A.axpy(factor, R)
+        R.destroy()
