@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 from mpi4py import MPI
 
@@ -14,6 +15,7 @@ import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from dolfinx import la
+from dolfinx_mortar import checkpoint
 from pressed import pressed
 
 comm = MPI.COMM_WORLD
@@ -97,9 +99,15 @@ def test_foreign_and_truncated_files_are_refused(folder):
         whole = (folder / "state").read_bytes()
         (folder / "short").write_bytes(whole[:-100])
         (folder / "text").write_text("no state")
+        (folder / "header").write_bytes(whole[:1000])
+        (folder / "spoilt").write_bytes(
+            whole[:4096].replace(b'"bodies"', b'"bodice"') + whole[4096:]
+        )
     comm.Barrier()
     for name, words in (
         ("short", "truncated"),
+        ("header", "truncated|not a state file"),
+        ("spoilt", "not a state file"),
         ("text", "not a state file"),
         ("missing", "can not be read"),
     ):
@@ -129,3 +137,47 @@ def test_interrupted_save_keeps_the_previous_file(folder, monkeypatch):
         p.problem.save(folder / "state")
     comm.Barrier()
     assert (folder / "state").read_bytes() == before
+
+
+def test_save_that_fails_on_one_rank(folder, monkeypatch):
+    """All ranks hear of it, and the previous file stays."""
+    p = sliding()
+    run(p, STEPS[:1])
+    p.problem.save(folder / "state")
+    before = (folder / "state").read_bytes()
+    opened = checkpoint.MPI.File.Open
+
+    class Full:
+        """A disk without space for the last rank."""
+
+        def __init__(self, *args):
+            self.file = opened(*args)
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+        def Write_all(self, record):
+            self.file.Write_all(record)
+            if comm.rank == comm.size - 1:
+                raise MPI.Exception(MPI.ERR_NO_SPACE)
+
+    full = {"File": SimpleNamespace(Open=Full), "Exception": MPI.Exception}
+    full |= {name: getattr(MPI, name) for name in ("DOUBLE", "MODE_WRONLY")}
+    with monkeypatch.context() as m:
+        m.setattr(checkpoint, "MPI", SimpleNamespace(**full))
+        with pytest.raises(RuntimeError, match="can not be written.*state"):
+            p.problem.save(folder / "state")
+    comm.Barrier()
+    assert (folder / "state").read_bytes() == before
+    comm.Barrier()
+    p.problem.save(folder / "state")
+
+
+def test_save_where_no_file_can_be(folder):
+    p = sliding()
+    if comm.rank == 0:
+        (folder / "taken").mkdir()
+    comm.Barrier()
+    for name in ("taken", "missing/state"):
+        with pytest.raises(RuntimeError, match="can not be written"):
+            p.problem.save(folder / name)

@@ -113,10 +113,8 @@ def save(problem: ContactProblem, path: str | Path) -> None:
                 f.write(text.ljust(_HEADER))
                 f.truncate(header["size"])
         except OSError as error:
-            message = f"The state can not be written to {path}: {error}."
-    message = comm.bcast(message)
-    if message:
-        raise RuntimeError(message)
+            message = str(error)
+    _check_written(comm, path, message)
     file = MPI.File.Open(comm, str(partial), MPI.MODE_WRONLY)
     start = _HEADER
     for b, values in enumerate(columns):
@@ -126,17 +124,33 @@ def save(problem: ContactProblem, path: str | Path) -> None:
         kind = MPI.DOUBLE.Create_contiguous(int(dofs.shape[1] * values.shape[1])).Commit()
         view = kind.Create_indexed_block(1, cells[order].astype(np.int32)).Commit()
         file.Set_view(start, MPI.DOUBLE, view)
-        file.Write_all(record)
+        try:
+            file.Write_all(record)
+        except MPI.Exception as error:  # perhaps on this rank alone: the others go on
+            message = str(error)
         view.Free()
         kind.Free()
         start += sizes[b]
-    file.Sync()
+    try:
+        file.Sync()
+    except MPI.Exception as error:
+        message = str(error)
     file.Close()
-    comm.Barrier()
+    _check_written(comm, path, message)
     # The file that was there before stays until the new one is complete
     if comm.rank == 0:
-        os.replace(partial, path)
-    comm.Barrier()
+        try:
+            os.replace(partial, path)
+        except OSError as error:
+            message = str(error)
+    _check_written(comm, path, message)
+
+
+def _check_written(comm, path: Path, message: str) -> None:
+    """Raise on all ranks where one could not write. Collective."""
+    message = max(comm.allgather(message))
+    if message:
+        raise RuntimeError(f"The state can not be written to {path}: {message}.")
 
 
 def _read_header(problem: ContactProblem, path: Path) -> dict:
@@ -154,12 +168,12 @@ def _read_header(problem: ContactProblem, path: Path) -> dict:
                     f"{path} is truncated: it has {os.path.getsize(path)} bytes of "
                     f"{header['size']}."
                 )
+            else:
+                message = _compare(header, expected, path)
         except OSError as error:
             message = f"The state can not be read from {path}: {error}."
-        except (ValueError, KeyError):
+        except (ValueError, KeyError, TypeError):
             message = f"{path} is not a state file of dolfinx_mortar."
-        if not message:
-            message = _compare(header, expected, path)
     message, header = comm.bcast((message, header))
     if message:
         raise RuntimeError(message)
