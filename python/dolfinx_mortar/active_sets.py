@@ -66,7 +66,7 @@ class ActiveSets:
             part = slice(start, start + c.num_owned)
             start = part.stop
             changed = self._records[-1][part] != self._records[-2][part]
-            largest = self.comm.allreduce(float(np.max(np.abs(zc), initial=0.0)), op=MPI.MAX)
+            largest = c._largest_traction(zc)
             zn = np.abs(np.sum(zc * c._configuration.normals[: c.num_owned], axis=1))
             cg = np.abs(c._c_n * c._gap_weighted)
             switching = np.maximum(zn, cg) <= 100 * rtol * largest

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import cpp
-from .interfaces import Interface
+from . import cpp, sparse
+from .interfaces import COVERED, Interface
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -109,6 +109,20 @@ class Contact(Interface):
         # A traction, until the first iterate gives a better one
         self._scale = self._c_t * area**1.5
 
+    def _largest_traction(self, z: npt.NDArray[np.float64]) -> float:
+        """Largest traction at work, for relative tolerances: of no less than round-off. Collective.
+
+        Args:
+            z: Multipliers of the owned nodes [traction], any shape.
+        """
+        # The round-off of positions, times the stiffness with which gaps count as tractions
+        X = np.concatenate([self._surface_slave.X, self._surface_master.X])
+        stiffness = self._c_n * self._weights[: self.num_owned]
+        mine = [np.abs(z).max(initial=0.0), np.abs(X).max(initial=0.0), stiffness.max(initial=0.0)]
+        largest = np.empty(3)
+        self._layout.comm.Allreduce(np.array(mine), largest, op=MPI.MAX)
+        return max(float(largest[0]), 1e-6 * float(largest[1] * largest[2]))
+
     def _configure(self, u_all) -> cpp.Configuration:
         """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
         with Timer("~mortar: search"):
@@ -184,6 +198,55 @@ class Contact(Interface):
         weight = self._nodal["weight"][:n]
         carries = self._data.carries[:n].astype(bool)
         return np.where(carries, self._gap_weighted / np.where(carries, weight, 1.0), np.inf)
+
+    def _check_candidates(self) -> None:
+        """Refuse a slave surface on which contact could not act anywhere. Collective."""
+        if self._layout.comm.allreduce(int(np.sum(self._candidates[: self.num_owned]))) == 0:
+            raise RuntimeError(
+                f"No node of the slave surface (facet tag {self.slave[0].tag}) can carry a "
+                "contact traction: the displacements of all of them are prescribed, or they "
+                "belong to other interfaces as well. Let the other surface be the slave."
+            )
+
+    def _overlap(self) -> float:
+        """Deepest overlap at the nodes that carry a multiplier, in facet sizes. Collective."""
+        n = self.num_owned
+        use = self._data.carries[:n].astype(bool) & self._nodal["near"][:n].astype(bool)
+        depth = -self._nodal["gap"][:n][use] / self._nodal["weight"][:n][use]
+        area = self._weights[:n]
+        mine = np.array([depth.max(initial=0.0), area.max(initial=0.0)])
+        deepest = np.empty(2)
+        self._layout.comm.Allreduce(mine, deepest, op=MPI.MAX)
+        return float(deepest[0] / np.sqrt(deepest[1]))
+
+    def _gap_everywhere(
+        self, u: npt.NDArray[np.float64]
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """Gap of the owned nodes [length], as if all of them carried a multiplier. Collective.
+
+        Args:
+            u: Owned displacements.
+
+        Returns:
+            Gaps, and flags of the nodes that a master is near of, shapes (num_owned,).
+        """
+        n, carries = self.num_owned, self._data.carries
+        problem = self._owner()
+        B = problem._coupling.multipliers.z_by_u()
+        self._data.carries = np.ones_like(carries)
+        nodal = cpp.integrate(self._data, self._configuration, B=B)
+        self._data.carries = carries
+        B.assemble()
+        gap, near = nodal["gap"][:n], nodal["near"][:n].astype(bool)
+        if self.geometry == "reference":
+            rows = problem._coupling.multipliers.slice(self)
+            moved = sparse.product(B, u)[rows].reshape(-1, 3)
+            gap = gap - np.sum(self._configuration.normals[:n] * moved, axis=1)
+            near[:] = True
+        B.destroy()
+        weight = nodal["weight"][:n]
+        near &= weight > COVERED * self._weights[:n]
+        return gap / np.where(near, weight, 1.0), near
 
     def _initial_status(self, unheld: bool) -> npt.NDArray[np.int8] | None:
         """States to begin with, or None for those that follow from the values. Collective.

@@ -11,11 +11,12 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 from dolfinx import fem
 
-from . import cpp, rigidity, sparse
+from . import cpp, plausibility, rigidity, sparse
 from .active_sets import ActiveSets
-from .contact import OPEN, Contact
+from .contact import Contact
 from .interfaces import Interface, Tie
 from .layout import Layout
 from .multipliers import Multipliers
@@ -62,6 +63,8 @@ class Coupling:
         self.B: PETSc.Mat | None = None
         self.B_tilde: PETSc.Mat | None = None
         self.B_old: PETSc.Mat | None = None
+        #: A sentence on bodies that overlap when the first solve begins
+        self.start_overlap = ""
         self.B_ties = self.multipliers.integrate_ties()
         self._contact_pair: tuple[PETSc.Mat, PETSc.Mat] | None = None
         self._reference = layout.positions()
@@ -110,6 +113,54 @@ class Coupling:
             # The old matrices need the multipliers of this step
             self.B_old = self._assemble_contacts(self._accepted[0])[0]
 
+    def check_start(self, u_all: npt.NDArray) -> None:
+        """Refuse to begin with bodies deep inside each other. Collective.
+
+        Raises:
+            RuntimeError: They are; the message says where.
+        """
+        deepest = max((c._overlap() for c in self.contacts), default=0.0)
+        self.start_overlap = ""
+        if deepest > 0.5:
+            self.start_overlap = (
+                f" The bodies overlap at the start, by {deepest:.2g} of a facet's size: begin with "
+                "them apart, and bring them together in load steps."
+            )
+        for c in self.contacts:
+            # Frozen geometry is that without displacements
+            x = np.zeros_like(u_all) if c.geometry == "reference" else u_all
+            overlap = plausibility.find_overlap(c, self.layout, x)
+            if overlap:
+                raise RuntimeError(
+                    f"{overlap} Begin with the bodies apart, and bring them together in load "
+                    "steps; or give the contact a search_distance of at least that depth, if it "
+                    "is to push them apart in one step."
+                )
+
+    def find_blocked(self) -> str:
+        """Where Dirichlet conditions contradict contact in the state of the last :meth:`evaluate`.
+
+        Collective. A sentence, empty where they do not.
+        """
+        text = ""
+        for c in self.contacts:
+            text = text or plausibility.find_blocked(c, self.layout, self._u)
+        return text
+
+    def find_implausible(self, functions: Sequence[fem.Function]) -> str:
+        """What too large a step may have led to, in the state of the last :meth:`evaluate`.
+
+        Collective. A sentence, empty where all is well.
+        """
+        current = [c for c in self.contacts if c.geometry == "current"]
+        text = plausibility.find_inverted(self.layout, functions) if current else ""
+        u_all = self.layout.all_local(functions)
+        for c in current:
+            if not text:
+                text = plausibility.find_overlap(c, self.layout, u_all)
+                text = text and f"{text} It has passed through the surface in this step."
+        return text
+
     def accept(self, u_all: npt.NDArray) -> None:
         """The present state is that of an accepted step. Collective."""
         for c in self.contacts:
@@ -131,8 +182,12 @@ class Coupling:
         """What :meth:`restore` brings back."""
         # None of these is changed in place
         contacts = [
-            (c, {k: getattr(c, k) for k in _STATE if hasattr(c, k)}, c._data.carries,
-             c._data.positive)
+            (
+                c,
+                {k: getattr(c, k) for k in _STATE if hasattr(c, k)},
+                c._data.carries,
+                c._data.positive,
+            )
             for c in self.contacts
         ]
         return self._accepted, contacts
@@ -283,13 +338,8 @@ class Coupling:
                 if length > 0:
                     worst = max(worst, float(np.max(jump, initial=0.0)) / length)
             else:
-                largest = float(np.max(np.abs(z[rows]), initial=0.0))
-                largest = self.comm.allreduce(largest, op=MPI.MAX)
                 violation = float(np.max(values, initial=0.0))
-                if largest > 0:
-                    worst = max(worst, violation / largest)
-                elif violation > 0:
-                    worst = np.inf
+                worst = max(worst, violation / i._largest_traction(z[rows]))
         return self.comm.allreduce(worst, op=MPI.MAX)
 
     # -- What surrounds the iteration ------------------------------------------------
@@ -307,13 +357,34 @@ class Coupling:
     def _is_held(self) -> bool:
         return rigidity.is_held(self.layout, self.ties, self.fixed_dofs)
 
+    def is_flying(self, K: PETSc.Mat, u: npt.NDArray, force: npt.NDArray) -> bool:
+        """Whether a body moves freely under its loads where no contact is active. Collective.
+
+        Args:
+            K: Tangent of the bodies.
+            u: Owned displacements.
+            force: Residual forces without those of contact, zero at Dirichlet dofs.
+        """
+        motions = rigidity.free_motions(
+            self.layout, self.ties, self.fixed_dofs, self._reference + u
+        )
+        if motions.shape[1] == 0:
+            return False
+        # What K resists, as where bodies have springs or inertia, is not free
+        stiffness = np.abs(K.getDiagonal().array)[:, None] * motions
+        resistance = np.column_stack([sparse.product(K, m) for m in motions.T])
+        resistance[self.fixed_dofs] = 0.0
+        sums = [stiffness.T @ stiffness, resistance.T @ resistance]
+        scale, resisted = self.comm.allreduce(np.array(sums))
+        values, vectors = scipy.linalg.eigh(resisted, scale)
+        loose = motions @ vectors[:, values < 1e-14]
+        work, size = self.comm.allreduce(np.array([force @ loose, np.sum(loose**2, axis=0)]))
+        total = self.comm.allreduce(float(force @ force))
+        return bool(np.any(np.abs(work) > 1e-8 * np.sqrt(total * size)))
+
     def diagnose(self) -> str:
-        """What may be behind a failure. Collective."""
-        if not self.contacts:
-            return ""
-        evaluated = hasattr(self.contacts[0], "_law")
-        active = self.active_sets.counts()["active"] if evaluated else 0
-        if active == 0 and not self._is_held():
+        """What may be behind a failure after contact was lost. Collective."""
+        if self.contacts and not self._is_held():
             return (
                 " No slave node is in contact, and without contact a body is not held: bring the "
                 "surfaces together (check tags and search_distance), prescribe displacements, or "

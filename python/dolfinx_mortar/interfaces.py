@@ -33,7 +33,7 @@ _INTEGRATIONS = {
 }
 
 #: Share of its weight that must be covered for a slave node to carry a multiplier
-_COVERED = 0.02
+COVERED = 0.02
 
 
 class Part(NamedTuple):
@@ -215,7 +215,7 @@ class Interface:
         Returns:
             True where that changes the set of multipliers on any rank. Collective.
         """
-        covered = nodal["coverage"] > _COVERED * self._weights
+        covered = nodal["coverage"] > COVERED * self._weights
         carries = (self._candidates.astype(bool) & covered).astype(np.int8)
         changed = bool(np.any(carries != self._data.carries))
         changed = self._layout.comm.allreduce(changed, op=MPI.LOR)

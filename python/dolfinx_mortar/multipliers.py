@@ -20,6 +20,19 @@ from .interfaces import Interface, Tie
 from .layout import Layout
 
 
+def find_fixed_dofs(
+    layout: Layout, prescribed: Sequence[npt.NDArray[np.int8]]
+) -> npt.NDArray[np.int32]:
+    """Owned displacement dofs (local) with a Dirichlet condition.
+
+    Args:
+        layout: Displacement dofs.
+        prescribed: Flags of :meth:`Layout.prescribed`.
+    """
+    owned = [p[: 3 * n] for p, n in zip(prescribed, layout.num_owned)]
+    return np.flatnonzero(np.concatenate(owned)).astype(np.int32)
+
+
 class Multipliers:
     """Numbers of the multiplier dofs, the basis transformation, and B = [D, -M].
 
@@ -51,9 +64,7 @@ class Multipliers:
         for i in self.interfaces:
             i._create_surfaces(layout)
         prescribed = layout.prescribed(bcs)
-        self.fixed_dofs = np.flatnonzero(
-            np.concatenate([p[: 3 * n] for p, n in zip(prescribed, layout.num_owned)])
-        ).astype(np.int32)
+        self.fixed_dofs = find_fixed_dofs(layout, prescribed)
         self._number()
         self._assign(prescribed)
         self.T: PETSc.Mat | None = None
@@ -135,11 +146,11 @@ class Multipliers:
                 carries &= self._corner_flags(i)
             cpp.scatter_forward(s, carries)
             numbers = np.zeros(i.num_nodes, dtype=np.int64)
-            numbers[: i.num_owned] = (
-                self.first // 3 + self.nodes(i).start + np.arange(i.num_owned)
-            )
+            numbers[: i.num_owned] = self.first // 3 + self.nodes(i).start + np.arange(i.num_owned)
             cpp.scatter_forward(s, numbers)
             i._create_data(numbers, carries, fixed)
+        for c in self.contacts:
+            c._check_candidates()
 
     def _corner_flags(self, interface: Interface) -> npt.NDArray[np.int8]:
         """Flags of local slave nodes that the multiplier space has a function at."""
@@ -184,31 +195,41 @@ class Multipliers:
 
     # -- Basis transformation -----------------------------------------------------
 
-    def transformation(self, interfaces: Sequence[Interface], inverse: bool) -> PETSc.Mat:
-        """T, or its inverse, of some interfaces; the identity off their slave nodes."""
+    def _slave_rows(
+        self, interfaces: Sequence[Interface], inverse: bool
+    ) -> tuple[PETSc.Mat, npt.NDArray[np.bool_]]:
+        """Rows of T, or of its inverse, of some interfaces' slave dofs, and flags of these."""
         n = self.layout.size_u
-        other = np.ones(n, dtype=bool)
-        T = sparse.empty(self.comm, n, n)
+        T, slaves = sparse.empty(self.comm, n, n), np.zeros(n, dtype=bool)
         for i in interfaces:
-            other[self.own_dofs(i)] = False
+            slaves[self.own_dofs(i)] = True
             cpp.insert_transformation(i._data, inverse, T)
         T.assemble()
-        rows = np.flatnonzero(other)
-        rest = sparse.selection(self.comm, n, n, rows, rows)
-        T.axpy(1.0, rest)
-        rest.destroy()
+        return T, slaves
+
+    def _add_identity(self, A: PETSc.Mat, rows: npt.NDArray[np.bool_], factor: float) -> None:
+        i, n = np.flatnonzero(rows), self.layout.size_u
+        identity = sparse.selection(self.comm, n, n, i, i)
+        A.axpy(factor, identity)
+        identity.destroy()
+
+    def transformation(self, interfaces: Sequence[Interface], inverse: bool) -> PETSc.Mat:
+        """T, or its inverse, of some interfaces; the identity off their slave nodes."""
+        T, slaves = self._slave_rows(interfaces, inverse)
+        self._add_identity(T, ~slaves, 1.0)
         return T
 
     def update_transformation(self) -> None:
         """Form T anew, after a change of interfaces' multipliers. Collective."""
-        T = self.transformation(self.interfaces, False)
-        T_minus_one = T.copy()
-        T_minus_one.shift(-1.0)
+        # Products with T - I are to cost no more than its few entries
+        T_minus_one, slaves = self._slave_rows(self.interfaces, False)
+        self._add_identity(T_minus_one, slaves, -1.0)
         if T_minus_one.norm() == 0:
-            sparse.destroy(T, T_minus_one)
+            T_minus_one.destroy()
             self.T = self.T_minus_one = None
         else:
-            self.T, self.T_minus_one = T, T_minus_one
+            self.T, self.T_minus_one = T_minus_one.copy(), T_minus_one
+            self._add_identity(self.T, np.ones(self.layout.size_u, dtype=bool), 1.0)
 
     # -- Mortar matrices -----------------------------------------------------------
 

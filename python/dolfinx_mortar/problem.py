@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import weakref
+import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,15 @@ import ufl
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import checkpoint, compat
+from . import checkpoint, compat, plausibility
 from .condensation import LinearSolver
 from .contact import Contact
 from .coupling import Coupling
 from .errors import ConvergenceError
 from .interfaces import Interface
 from .layout import Layout
-from .linearisation import NewtonSystem, linearise
+from .linearisation import linearise
+from .multipliers import find_fixed_dofs
 
 _DEFAULTS = {
     "snes_rtol": 1e-9,
@@ -35,6 +37,11 @@ _DEFAULTS = {
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_14": 60,
 }
+
+_SMALLER = (
+    " Take smaller load steps, or let solve(adaptive=...) cut them; the state is as before the "
+    "step."
+)
 
 
 def _list(x: Any) -> list:
@@ -96,6 +103,11 @@ class ContactProblem:
         self.u = u
         self.bcs = list(bcs or [])
         self.interfaces = list(interfaces)
+        if any(i._problem is not None for i in self.interfaces):
+            raise ValueError(
+                "An interface is part of another ContactProblem already: make a new Tie or Contact "
+                "for each problem."
+            )
         self._layout = Layout([f.function_space for f in self._functions])
         self.comm = self._layout.comm
         if condense is None:
@@ -123,6 +135,8 @@ class ContactProblem:
         self._coupling = Coupling(self._layout, self.interfaces, self.bcs)
         for i in self.interfaces:
             i._problem = self
+        self._measure_bodies()
+        self._checksums = self._sum_meshes()
         self._n_u, self._n_z = self._layout.size_u, self._coupling.multipliers.size
         self._z = np.zeros(self._n_z)
         self._started = False
@@ -130,6 +144,23 @@ class ContactProblem:
         self._create_solver(petsc_options_prefix, petsc_options or {}, condense)
 
     # -- Set-up ---------------------------------------------------------------
+
+    def _measure_bodies(self) -> None:
+        """Extent of the bodies, and mean cell size at each owned displacement dof [length]."""
+        x = self._layout.positions().reshape(-1, 3)
+        low, high = x.min(axis=0, initial=np.inf), x.max(axis=0, initial=-np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+        self.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+        self._size = float(np.max(high - low))
+        self._cell_size = np.empty(self._layout.size_u)
+        for b, V in enumerate(self._layout.spaces):
+            dim = V.mesh.topology.dim
+            num = V.mesh.topology.index_map(dim).size_local
+            h = V.mesh.h(dim, np.arange(num, dtype=np.int32))
+            total = self.comm.allreduce(np.array([h.sum(), num]))
+            self._cell_size[self._layout.starts[b] : self._layout.starts[b + 1]] = (
+                total[0] / total[1]
+            )
 
     def _create_solver(self, prefix: str, options: dict[str, Any], condense: bool) -> None:
         database = PETSc.Options()
@@ -185,8 +216,15 @@ class ContactProblem:
 
     # -- Newton's iteration ------------------------------------------------------
 
+    # PETSc locks vectors around its calls, and leaves them locked where these raise: what they
+    # raise is kept until _precheck
+
     def _snes_function(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array[:] = self._evaluate(x.array_r)
+        try:
+            f.array[:] = self._evaluate(x.array_r)
+        except Exception as error:
+            self._raised, self._cached = error, None
+            f.array[:] = np.nan
 
     def _evaluate(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Residual at x = [u, z] of this rank. Collective; keeps the last result."""
@@ -206,6 +244,7 @@ class ContactProblem:
         u_all = self._layout.all_local(self._functions)
         contact, f[n:] = self._coupling.evaluate(u_all, u, z, self._forced)
         f[:n] += contact
+        self._contact_force = contact
         # Forces at work: reactions and contact forces
         fixed = self._coupling.fixed_dofs
         self._force_scale = self._norm(np.concatenate([f[fixed], contact]))
@@ -245,13 +284,36 @@ class ContactProblem:
         return K
 
     def _snes_jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        try:
+            self._linearise(x)
+        except Exception as error:
+            self._raised = error
+
+    def _linearise(self, x: PETSc.Vec) -> None:
         self._evaluate(x.array_r)
         self._release_system()
         f = self._cached[1]
         f[self._n_u :] = self._coupling.rescale(f[self._n_u :])
         K = self._assemble_tangent()
-        self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * x.array_r[: self._n_u])
+        # Displacements that leave no strain still have the round-off of a deformation gradient;
+        # those far beyond the bodies' size are a body's that flies away, and excuse nothing
+        size = np.clip(np.abs(x.array_r[: self._n_u]), 0.1 * self._cell_size, 10 * self._size)
+        self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * size)
         self._system = linearise(self._coupling, K, self._z)
+        if self._coupling.has_contact and self.history[-1]["active"] == 0:
+            self._check_held(K)
+
+    def _check_held(self, K: PETSc.Mat) -> None:
+        """Do not solve for the flight of a body that nothing holds. Collective.
+
+        Raises:
+            ConvergenceError: Loads act on such a body.
+        """
+        x, f = self._cached
+        u, free = x[: self._n_u], f[: self._n_u] - self._contact_force
+        free[self._coupling.fixed_dofs] = 0.0
+        if self._coupling.is_flying(K, u, free):
+            raise ConvergenceError("Nothing holds a body against its loads.")
 
     def _release_system(self) -> None:
         if self._system is not None:
@@ -261,7 +323,19 @@ class ContactProblem:
             self._system = None
 
     def _precheck(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Shorten the step until the residual is finite (no cell is inside out)."""
+        """Shorten the step until the residual is finite (no cell is inside out).
+
+        Raises:
+            ConvergenceError: It never is; the message says what is not finite.
+        """
+        if self._raised is not None:
+            raise self._raised
+        if not np.isfinite(self._norm(y.array_r)):
+            raise ConvergenceError(
+                "The linear solver found no finite solution. The system may be singular, as where "
+                "a body is not held (check the Dirichlet conditions); a saddle point needs a "
+                "solver that chooses its pivots (MUMPS)."
+            )
         self._iteration_step = 1.0
         if self._cycle_pending:
             # A cycle of active sets: a shorter step leads out of it
@@ -269,20 +343,41 @@ class ContactProblem:
             self._iteration_step = 0.5
             self._cycle_pending = False
         self._forced = None
+        self._failure = ""
         for _ in range(10):
-            message = ""
             try:
                 f = self._evaluate(x.array_r - y.array_r)
-                finite = bool(np.all(np.isfinite(f)))
+                failure = self._find_infinite(f)
             except RuntimeError as error:
-                finite, message = False, str(error)
-            if self.comm.allreduce(finite, op=MPI.LAND):
+                failure = str(error)
+            if not failure:
                 return
-            self._failure = message
+            self._failure = failure
             self._cached = None
             y.scale(0.5)
             self._iteration_step *= 0.5
-        raise ConvergenceError("No admissible step")
+        raise ConvergenceError(
+            f"However short the step ({self._iteration_step:.0e} of Newton's), it leads to no "
+            f"admissible state. {self._failure}{_SMALLER}"
+        )
+
+    def _find_infinite(self, f: npt.NDArray[np.float64]) -> str:
+        """Say where a residual is not finite; empty where it is. Collective."""
+        n = self._n_u
+        bad = ~np.isfinite(f)
+        prescribed, tractions = bad[self._coupling.fixed_dofs].any(), bad[n:].any()
+        nodes = self._layout.positions().reshape(-1, 3)[bad[:n].reshape(-1, 3).any(axis=1)]
+        at = min(self.comm.allgather(min(map(tuple, nodes), default=(np.inf,))))
+        if self.comm.allreduce(bool(prescribed), op=MPI.LOR):
+            return "A prescribed displacement is not a finite number."
+        if at[0] < np.inf:
+            return (
+                f"The residual force is not finite near X = {plausibility.point(at)}: a load is "
+                "not a finite number, or a cell is inside out."
+            )
+        if self.comm.allreduce(bool(tractions), op=MPI.LOR):
+            return "A contact traction is not a finite number."
+        return ""
 
     def _measures(self) -> dict:
         """Norms that decide on convergence. Collective."""
@@ -292,13 +387,14 @@ class ContactProblem:
         free[self._coupling.fixed_dofs] = 0.0
         bc = self._max(f[:n][self._coupling.fixed_dofs])
         residual = self._norm(free)
-        # Forces below the round-off of stiffness times displacement are no forces
-        self._force_reference = max(
-            self._force_reference, self._force_scale, residual, self._force_floor
-        )
+        if self._first_residual is None:
+            self._first_residual = residual
+        # Forces below the round-off of stiffness times displacement are no forces. What forces
+        # an iterate on the way had is no measure: it may have been far off.
+        reference = max(self._first_residual, self._force_scale, self._force_floor)
         length = max(self._max(x[:n]), bc)
         return {
-            "force": residual / self._force_reference if self._force_reference > 0 else 0.0,
+            "force": residual / reference if reference > 0 else 0.0,
             "residual": residual,
             "constraint": self._coupling.constraint_measure(f[n:], x[n:], length),
             "prescribed": bc / length if length > 0 else 0.0,
@@ -307,7 +403,7 @@ class ContactProblem:
     def _converged(self, snes, it: int, norms) -> int | None:
         Reason = PETSc.SNES.ConvergedReason
         rtol, atol, _, max_it = snes.getTolerances()
-        if self._cached is None or not np.isfinite(norms[2]):
+        if self._raised is not None or self._cached is None or not np.isfinite(norms[2]):
             return Reason.DIVERGED_FNORM_NAN
         m = self._measures()
         sets = self._coupling.active_sets
@@ -416,15 +512,49 @@ class ContactProblem:
         self._z[:] = z
         self._coupling.restore(coupling)
 
+    def _sum_meshes(self) -> list[int]:
+        """Checksums of this rank's part of the bodies' meshes."""
+        meshes = [V.mesh for V in self._layout.spaces]
+        return [zlib.crc32(np.ascontiguousarray(m.geometry.x)) for m in meshes]
+
+    def _check_unchanged(self) -> None:
+        """Refuse to go on with other bodies than the problem was made for. Collective.
+
+        Raises:
+            RuntimeError: Displacements, meshes or Dirichlet dofs have been exchanged or moved.
+        """
+        message = ""
+        functions = _list(self.u)
+        if len(functions) != len(self._functions) or any(
+            f is not g for f, g in zip(functions, self._functions)
+        ):
+            message = "Another displacement has been put into the problem"
+        elif self.comm.allreduce(self._sum_meshes() != self._checksums, op=MPI.LOR):
+            message = "A mesh has been moved since the problem was made"
+        else:
+            fixed = find_fixed_dofs(self._layout, self._layout.prescribed(self.bcs))
+            changed = not np.array_equal(fixed, self._coupling.fixed_dofs)
+            if self.comm.allreduce(changed, op=MPI.LOR):
+                message = "The Dirichlet conditions are not on the dofs they were on"
+        if message:
+            raise RuntimeError(
+                f"{message}: the interfaces are still those of before. Make new interfaces and a "
+                "new ContactProblem. Motions belong into the displacement, changing loads and "
+                "boundary values into a fem.Constant or fem.Function."
+            )
+
     def _solve_once(self) -> int:
+        self._check_unchanged()
         state = self._state()
         self._cached = None
         self._system = None
         self._forced = None
         self._failure = ""
+        self._raised: Exception | None = None
         self._cycle_pending = False
         self._iteration_step = 0.0
-        self._force_reference = self._force_floor = 0.0
+        self._first_residual: float | None = None
+        self._force_floor = 0.0
         self.history = []
         n = self._n_u
         try:
@@ -433,20 +563,40 @@ class ContactProblem:
             self._begin()
             self.snes.solve(None, self._x)
             reason = self.snes.getConvergedReason()
+            if self._raised is not None:
+                raise self._raised
             if reason <= 0:
                 raise ConvergenceError(self._explain(reason), self.history)
             self._evaluate(self._x.array_r)
+            self._check_solution()
         except Exception as error:
+            # What is said about the failed state must be found out before it is left
+            text, cause = "", _cause(error)
+            iterating = self._raised is not None or isinstance(error, PETSc.Error)
+            if iterating and isinstance(cause, RuntimeError):
+                text = self._explain_error(cause)
             self._release_system()
             self._cached = None
             self._restore(state)
-            if isinstance(error, PETSc.Error):
-                raise ConvergenceError(self._explain_petsc(error), self.history) from error
+            if text:
+                cause = None if isinstance(cause, ConvergenceError) else cause
+                raise ConvergenceError(text, self.history) from cause
+            if cause is not error:
+                raise cause from None
             raise
         self._release_system()
         self._coupling.accept(self._layout.all_local(self._functions))
         self._started = True
         return self.snes.getIterationNumber()
+
+    def _check_solution(self) -> None:
+        """Refuse solutions that can not be meant. Collective."""
+        text = self._coupling.find_implausible(self._functions)
+        text = f"{text}{_SMALLER}" if text else self._coupling.find_blocked()
+        if text:
+            raise ConvergenceError(
+                f"The solve converged to a state that can not be meant. {text}", self.history
+            )
 
     def _begin(self) -> None:
         """Prepare parameters and the initial active set. Collective."""
@@ -461,6 +611,7 @@ class ContactProblem:
             self._coupling.set_parameters(diagonal)
         self._coupling.begin(u_all, u)
         if self._coupling.has_contact and not self._started:
+            self._coupling.check_start(u_all)
             self._evaluate(self._x.array_r)
             self._forced = self._coupling.initial_status()
             if self._forced is not None:
@@ -488,31 +639,43 @@ class ContactProblem:
             if any(h.get("cycle") for h in self.history):
                 text += " The active set cycled."
         else:
-            text += ": the residual is not finite at its start. Check loads and boundary values."
-        if self._failure:
-            text += f" {self._failure}"
-        hint = self._coupling.diagnose()
-        text += hint or (
-            " Take smaller load steps, or let solve(adaptive=...) cut them; the state is as "
-            "before the step."
-        )
-        return text
+            infinite = "" if self._cached is None else self._find_infinite(self._cached[1])
+            return f"{text} at its start. {infinite or 'The residual is too large.'}{_SMALLER}"
+        hint = self._diagnose()
+        if self._failure and not hint:
+            text += f" The last step had to be shortened: {self._failure}"
+        return text + (hint or _SMALLER)
 
-    def _explain_petsc(self, error: Exception) -> str:
-        hint = self._coupling.diagnose()
-        if self._failure:
-            iterations = len(self.history)
-            return (
-                f"The solve failed after {iterations} Newton iterations, no step of finite length "
-                f"leads on. {self._failure}"
-                + (hint or " Take smaller load steps; the state is as before the step.")
-            )
-        return f"The linear solver failed ({str(error).splitlines()[0]})." + (
-            hint or " A body may not be held: check the Dirichlet conditions."
-        )
+    def _explain_error(self, error: RuntimeError) -> str:
+        if isinstance(error, ConvergenceError):
+            reason = str(error)
+        elif isinstance(error, PETSc.Error):
+            reason = f"PETSc: {str(error).splitlines()[0]}.{_SMALLER}"
+        else:
+            reason = f"{error}{_SMALLER}"
+        text = f"The solve failed in Newton iteration {len(self.history)}."
+        return text + (self._diagnose() or f" {reason}")
+
+    def _diagnose(self) -> str:
+        """What may be behind a failure. Collective."""
+        lost = any(h["active"] == 0 for h in self.history[-5:])
+        hint = self._coupling.diagnose() if lost else ""
+        if not hint and self._cached is not None:
+            hint = self._coupling.find_blocked()
+            hint = hint and f" {hint}"
+        if not hint and not self._started:
+            hint = self._coupling.start_overlap
+        return hint
 
     def _resultants(self, contact: Contact):
         return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))
+
+
+def _cause(error: BaseException) -> BaseException:
+    """What a function has raised that PETSc called, else the error itself."""
+    while isinstance(error, PETSc.Error) and error.__cause__ is not None:
+        error = error.__cause__
+    return error
 
 
 def _weak(method: Callable) -> Callable:
@@ -546,8 +709,16 @@ class _NewtonSolver:
 
     def apply(self, pc, x, y):
         p = self._problem
-        # The residual in the scale of the system, see Coupling.rescale
-        r_z = p._cached[1][p._n_u :].copy()
-        du, dz = p._solver.solve(p._system, x.array_r[: p._n_u].copy(), r_z)
+        if p._raised is not None:
+            y.set(0)
+            return
+        try:
+            # The residual in the scale of the system, see Coupling.rescale
+            r_z = p._cached[1][p._n_u :].copy()
+            du, dz = p._solver.solve(p._system, x.array_r[: p._n_u].copy(), r_z)
+        except Exception as error:
+            p._raised = error
+            y.set(0)
+            return
         y.array[: p._n_u] = du
         y.array[p._n_u :] = dz

@@ -25,19 +25,41 @@ def is_held(layout: Layout, ties: Sequence[Tie], fixed: npt.NDArray[np.int32]) -
         ties: Interfaces that are tied.
         fixed: Owned displacement dofs (local) with a Dirichlet condition.
     """
+    return free_motions(layout, ties, fixed, layout.positions()).shape[1] == 0
+
+
+def free_motions(
+    layout: Layout,
+    ties: Sequence[Tie],
+    fixed: npt.NDArray[np.int32],
+    positions: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Rigid motions that Dirichlet conditions and ties leave to bodies. Collective.
+
+    Args:
+        layout: Displacement dofs.
+        ties: Interfaces that are tied.
+        fixed: Owned displacement dofs (local) with a Dirichlet condition.
+        positions: Positions of the owned displacement dofs, shape (size_u,).
+
+    Returns:
+        Motions of the owned displacement dofs, shape (size_u, number of motions).
+    """
     labels = _tied_bodies(layout, ties)
-    x = layout.positions().reshape(-1, 3)
+    x = positions.reshape(-1, 3)
     scale = layout.comm.allreduce(float(np.max(np.abs(x), initial=0.0)), op=MPI.MAX)
     modes = _rigid_modes(x / (scale or 1.0)).reshape(-1, 6)
     of_fixed = labels[fixed // 3]
-    held = True
+    free = [np.empty((layout.size_u, 0))]
     count = layout.comm.allreduce(int(labels.max(initial=-1)), op=MPI.MAX) + 1
     for label in range(count):
         mine = fixed[of_fixed == label]
         gram = layout.comm.allreduce(modes[mine].T @ modes[mine])
         tolerance = 1e-10 * max(1.0, np.trace(gram))
-        held = held and np.linalg.matrix_rank(gram, tol=tolerance, hermitian=True) == 6
-    return bool(held)
+        values, vectors = np.linalg.eigh(gram)
+        on_body = np.repeat(labels == label, 3)[:, None]
+        free.append(np.where(on_body, modes @ vectors[:, values <= tolerance], 0.0))
+    return np.hstack(free)
 
 
 def _rigid_modes(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
