@@ -264,7 +264,7 @@ class Drag:
 # * The stamp carries what contact carries.
 # * Friction only takes energy; and the stamp's work is what is stored and what friction took.
 #   The work is summed up with the trapezoidal rule and friction with the tractions at the end of
-#   each step, so this balance holds up to the length of the steps while stick turns into slip.
+#   each step, so they differ by an error that goes to zero with the length of the steps.
 
 
 # +
