@@ -2,13 +2,15 @@
 # SPDX-License-Identifier: MIT
 """The condensed system gives the steps of the saddle point, whatever solves it."""
 
+from petsc4py import PETSc
+
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from pressed import pressed
 
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
-MULTIGRID = {"ksp_type": "gmres", "ksp_rtol": 1e-12, "ksp_max_it": 300, "pc_type": "gamg"}
+ITERATIVE = ("gamg", "cholesky", "bjacobi")
 KINDS = {
     "tie": (dm.Tie, {}),
     "contact": (dm.Contact, {}),
@@ -37,11 +39,32 @@ def test_same_iterates_condensed_and_saddle_point(name):
         assert np.isclose(a["force"], b["force"], rtol=1e-4, atol=1e-9)
 
 
+@pytest.mark.parametrize("preconditioner", ITERATIVE)
 @pytest.mark.parametrize("name", KINDS)
-def test_multigrid_behind_the_constraints(name):
+def test_preconditioned_through_the_reduced_system(name, preconditioner):
     kind, options = KINDS[name]
+    solver = {"pc_type": preconditioner, "ksp_rtol": 1e-12}
     p = pressed(kind, elements=("hex20", "hex8"), **options)
-    q = pressed(kind, elements=("hex20", "hex8"), petsc_options=MULTIGRID, **options)
+    q = pressed(kind, elements=("hex20", "hex8"), petsc_options=solver, **options)
     assert history(p) == history(q)
     assert np.allclose(p.norms(), q.norms(), rtol=1e-8)
-    assert q.problem._solver.ksp.getIterationNumber() < 100
+    largest = {"gamg": 100, "cholesky": 30, "bjacobi": 300}[preconditioner]
+    assert q.problem._solver.ksp.getIterationNumber() < largest
+
+
+def test_options_reach_nested_solvers_and_nothing_else():
+    """Options are PETSc's while the problem sets up and solves, and only then."""
+    solver = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson"}
+    p = pressed(dm.Tie, elements=("hex8", "hex8"), petsc_options=solver)
+    p.move(0.0, -0.01)
+    smoother = p.problem._solver._reduced._inner.getMGSmoother(1)
+    assert smoother.getType() == "richardson"
+    assert not any("mg_levels" in name for name in PETSc.Options().getAll())
+
+
+def test_a_failing_linear_solver_stops_the_iteration():
+    p = pressed(
+        dm.Contact, elements=("hex20", "hex8"), petsc_options={"pc_type": "none", "ksp_max_it": 3}
+    )
+    with pytest.raises(dm.ConvergenceError, match="ksp_max_it"):
+        p.move(0.0, -0.01)

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import weakref
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,13 +30,14 @@ from .layout import Layout
 from .linearisation import linearise
 from .multipliers import find_fixed_dofs
 
-_DEFAULTS = {
-    "snes_rtol": 1e-9,
-    "snes_max_it": 50,
-    "ksp_type": "preonly",
-    "pc_type": "lu",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_14": 60,
+# Default options of Newton's iteration and of three kinds of linear solvers
+_NEWTON = {"snes_rtol": 1e-9, "snes_max_it": 50, "snes_linesearch_type": "basic"}
+_FACTORISATION = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 60}
+_KRYLOV = {"ksp_type": "gmres", "ksp_rtol": 1e-8, "ksp_gmres_restart": 200}
+_MULTIGRID = {
+    "mg_levels_pc_type": "sor",
+    "mg_levels_ksp_max_it": 1,
+    "pc_gamg_threshold": 0.02,
 }
 
 _SMALLER = (
@@ -141,7 +143,9 @@ class ContactProblem:
         self._z = np.zeros(self._n_z)
         self._started = False
         self.history: list[dict] = []
-        self._create_solver(petsc_options_prefix, petsc_options or {}, condense)
+        self._option_values = self._choose_options(petsc_options_prefix, petsc_options or {})
+        with self._options():
+            self._create_solver(petsc_options_prefix, condense)
 
     # -- Set-up ---------------------------------------------------------------
 
@@ -162,24 +166,42 @@ class ContactProblem:
                 total[0] / total[1]
             )
 
-    def _create_solver(self, prefix: str, options: dict[str, Any], condense: bool) -> None:
+    def _choose_options(self, prefix: str, options: dict[str, Any]) -> dict[str, Any]:
+        """Full names and values of PETSc options: the user's, and defaults for the rest."""
         database = PETSc.Options()
-        chosen = {**_DEFAULTS, **options}
-        if "ksp_type" in options or "pc_type" in options:
-            for key in ("pc_factor_mat_solver_type", "mat_mumps_icntl_14", "pc_type", "ksp_type"):
-                if key not in options and not (
-                    key == "ksp_type" and options.get("pc_type") in ("lu", "cholesky")
-                ):
-                    chosen.pop(key, None)
-        given = []
-        for key, value in chosen.items():
-            name = prefix + key
-            # What the command line says counts more than our defaults
-            if key in options or not database.hasName(name):
-                database.setValue(name, value)
-                given.append(name)
-        self._monitor = database.hasName(prefix + "snes_monitor")
 
+        def chosen(key: str) -> str | None:
+            return options.get(key) or database.getString(prefix + key, "") or None
+
+        pc, ksp = chosen("pc_type"), chosen("ksp_type")
+        defaults = dict(_NEWTON)
+        if pc in (None, "lu") and ksp in (None, "preonly"):
+            defaults |= {"ksp_type": "preonly", "pc_type": "lu"}
+        elif ksp != "preonly":
+            # A Cholesky factorisation, too, is one of the reduced system only
+            defaults |= _KRYLOV
+        if pc in ("lu", "cholesky") or defaults.get("pc_type") == "lu":
+            defaults |= _FACTORISATION
+        elif pc == "gamg":
+            defaults |= _MULTIGRID
+        # What the command line says counts more than defaults
+        names = {prefix + k: v for k, v in defaults.items() if not database.hasName(prefix + k)}
+        return names | {prefix + k: v for k, v in options.items()}
+
+    @contextmanager
+    def _options(self) -> Iterator[None]:
+        """Lend the problem's options to PETSc's database, for solvers that are set up inside."""
+        database = PETSc.Options()
+        for name, value in self._option_values.items():
+            database.setValue(name, value)
+        try:
+            yield
+        finally:
+            for name in self._option_values:
+                database.delValue(name)
+
+    def _create_solver(self, prefix: str, condense: bool) -> None:
+        self._monitor = PETSc.Options().hasName(prefix + "snes_monitor")
         n = self._n_u + self._n_z
         self._x = PETSc.Vec().createMPI((n, None), comm=self.comm)
         self._f = self._x.duplicate()
@@ -194,10 +216,6 @@ class ContactProblem:
         self.snes.setJacobian(_weak(self._snes_jacobian), matrix)
         self.snes.setConvergenceTest(_weak(self._converged))
         self.snes.setLineSearchPreCheck(_weak(self._precheck))
-        search = prefix + "snes_linesearch_type"
-        if not database.hasName(search):
-            database.setValue(search, "basic")
-            given.append(search)
         self._solver = LinearSolver(self.comm, prefix, condense)
         self._solver.set_from_options(self._layout.positions())
         ksp = self.snes.getKSP()
@@ -209,10 +227,6 @@ class ContactProblem:
         self.snes.setFromOptions()
         if self._monitor:
             self.snes.setMonitor(_weak(self._print_monitor))
-        for name in given:
-            # A factorization reads its options (mat_mumps_...) when it is first made
-            if not name.startswith(prefix + "mat_"):
-                database.delValue(name)
 
     # -- Newton's iteration ------------------------------------------------------
 
@@ -302,6 +316,12 @@ class ContactProblem:
         self._system = linearise(self._coupling, K, self._z)
         if self._coupling.has_contact and self.history[-1]["active"] == 0:
             self._check_held(K)
+        bare = bool(np.any(self._system.diagonal == 0)) and self._solver.condense
+        if self.comm.allreduce(bare, op=MPI.LOR):
+            raise ConvergenceError(
+                "No master covers a slave node in contact any more, so that its multiplier can not "
+                f"be condensed.{_SMALLER}"
+            )
 
     def _check_held(self, K: PETSc.Mat) -> None:
         """Do not solve for the flight of a body that nothing holds. Collective.
@@ -458,7 +478,11 @@ class ContactProblem:
             Number of Newton iterations (of all parts of a cut step).
 
         Raises:
-            ConvergenceError: Not converged; the state is as before the call.
+            ConvergenceError: Not converged, or to a state that can not be meant: bodies that have
+                passed through each other, cells inside out, Dirichlet conditions that hold slave
+                nodes inside a master. The state is as before the call.
+            RuntimeError: Bodies are deep inside each other when the first solve begins; or a
+                mesh, a displacement or the Dirichlet dofs are not those of the problem any more.
         """
         if adaptive is None:
             return self._solve_once()
@@ -561,7 +585,8 @@ class ContactProblem:
             self._x.array[:n] = state[0]
             self._x.array[n:] = state[1]
             self._begin()
-            self.snes.solve(None, self._x)
+            with self._options():
+                self.snes.solve(None, self._x)
             reason = self.snes.getConvergedReason()
             if self._raised is not None:
                 raise self._raised

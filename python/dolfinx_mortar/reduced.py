@@ -1,0 +1,191 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Krylov solution of the condensed system through a symmetric one."""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from . import cpp, sparse
+from .linearisation import NewtonSystem
+
+
+class CondensedOperator:
+    """The condensed system as products: A x = (I_R + N)(K + K_c) x + E C_u x.
+
+    Args:
+        s: Newton system.
+        N, E: See :meth:`LinearSolver._row_operator`.
+        scale: Factors of the rows.
+    """
+
+    def __init__(
+        self, s: NewtonSystem, N: PETSc.Mat, E: PETSc.Mat, scale: npt.NDArray[np.float64]
+    ):
+        self._s, self._N, self._E, self._scale = s, N, E, scale
+        self._kept = np.ones(len(scale))
+        self._kept[s.own] = 0.0
+        self._f, self._g = s.K.createVecLeft(), s.K.createVecLeft()
+        self._c = s.C_u.createVecLeft()
+
+    def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """y = A x, with unit rows at Dirichlet dofs."""
+        s = self._s
+        s.K.mult(x, self._f)
+        if s.K_c is not None:
+            s.K_c.multAdd(x, self._f, self._f)
+        self._N.mult(self._f, y)
+        s.C_u.mult(x, self._c)
+        self._E.multAdd(self._c, y, y)
+        y.array[:] += self._kept * self._f.array_r
+        y.array[:] *= self._scale
+        y.array[s.fixed] = x.array_r[s.fixed]
+
+
+class ReducedPreconditioner:
+    """Preconditioner of the condensed system by one of a symmetric system.
+
+    With Π the constrained directions of the nodes of S, motions without a change of the
+    constraints are, but for the turning of normals, du = (I + W) w with
+
+        I + W = T (I - E Π D̃⁻¹ B̃).
+
+    On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what ``inner``
+    inverts. Motions in the directions of the constraints follow from the constraints, node by
+    node.
+
+    Args:
+        comm: Communicator.
+        prefix: Prefix of the options of ``inner``.
+        x: Positions of the owned displacement dofs, shape (n_u,), for rigid body modes.
+    """
+
+    def __init__(self, comm, prefix: str, x: npt.NDArray[np.float64]):
+        self._comm, self._prefix = comm, prefix
+        self._inner: PETSc.PC | None = None
+        coordinates = PETSc.Vec().createMPI((len(x), None), bsize=3, comm=comm)
+        coordinates.array[:] = x
+        self._modes = PETSc.NullSpace().createRigidBody(coordinates)
+        self._W: PETSc.Mat | None = None
+
+    def prepare(
+        self, s: NewtonSystem, E: PETSc.Mat, row_scale: npt.NDArray[np.float64]
+    ) -> None:
+        """Set up for a system. Collective.
+
+        Args:
+            s: Newton system.
+            E: See :meth:`LinearSolver._row_operator`.
+            row_scale: Factors of the rows of active multipliers.
+        """
+        self._s, self._E, self._row_scale = s, E, row_scale
+        self._D_inverse = np.zeros(s.C_z.getLocalSize()[0])
+        self._D_inverse[s.active] = 1.0 / s.diagonal
+        self._free = np.eye(3) - s.projector
+        stiffness = s.K.getDiagonal()
+        self._mean = stiffness.sum() / stiffness.getSize()
+        # What belongs to the last system is large
+        sparse.destroy(self._inner, self._W)
+        self._W = self._form_W()
+        A = self._form_operator()
+        self._inner = PETSc.PC().create(self._comm)
+        self._inner.setOptionsPrefix(self._prefix)
+        self._inner.setOperators(A)
+        self._inner.setFromOptions()
+        self._inner.setUp()
+        A.destroy()
+        self._blocks = self._invert_constraints()
+
+    def _projector(self, factor: float) -> PETSc.Mat:
+        """Π times a factor."""
+        s = self._s
+        Pi = sparse.empty(s.K.comm.tompi4py(), *2 * [s.C_z.getLocalSize()[0]])
+        first = Pi.getOwnershipRange()[0]
+        cpp.add_blocks(Pi, first, first, factor * np.ascontiguousarray(s.projector))
+        Pi.assemble()
+        return Pi
+
+    def _form_W(self) -> PETSc.Mat:
+        """See the class."""
+        s = self._s
+        Pi = sparse.scale_columns(self._projector(-1.0), self._D_inverse)
+        EPi = self._E.matMult(Pi)
+        W = EPi.matMult(s.B_tilde)
+        if s.T is not None:
+            TW = s.T.matMult(W)
+            W.axpy(1.0, TW)
+            W.axpy(1.0, s.T)
+            TW.destroy()
+        sparse.destroy(Pi, EPi)
+        return W
+
+    def _form_operator(self) -> PETSc.Mat:
+        """(I + W)ᵀ K (I + W), as K and the few entries that are to be added to it."""
+        s, E = self._s, self._E
+        delta = s.K.matMult(self._W)
+        more = self._W.transposeMatMult(s.K)
+        WKW = self._W.transposeMatMult(delta)
+        delta.axpy(1.0, more)
+        delta.axpy(1.0, WKW)
+        # Unit-like entries in the constrained directions
+        Pi, Et = self._projector(self._mean), E.transpose(PETSc.Mat())
+        EPi = E.matMult(Pi)
+        EPiE = EPi.matMult(Et)
+        delta.axpy(1.0, EPiE)
+        A = cpp.combine_rows(s.K, delta, np.zeros(s.K.getLocalSize()[0], dtype=np.int8))
+        sparse.destroy(more, WKW, delta, Pi, Et, EPi, EPiE)
+        start = A.getOwnershipRange()[0]
+        A.zeroRowsColumns((start + s.fixed).astype(PETSc.IntType), diag=self._mean)
+        A.setNearNullSpace(self._modes)
+        A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        return A
+
+    def _invert_constraints(self) -> npt.NDArray[np.float64]:
+        """Invert the blocks of the constraints at their own nodes, Π C_u T E Π."""
+        s, E = self._s, self._E
+        C = s.C_u
+        if s.T is not None:
+            C = C.matMult(s.T)
+            C.axpy(1.0, s.C_u)
+        CE = C.matMult(E)
+        first, n_z = CE.getOwnershipRange()[0], s.C_z.getLocalSize()[0]
+        blocks = np.zeros((n_z // 3, 3, 3))
+        for j in np.unique(s.active // 3)[:, None] * 3 + np.arange(3):
+            for i in j:
+                columns, values = CE.getRow(first + i)
+                inside = (columns >= first + j[0]) & (columns <= first + j[2])
+                blocks[i // 3, i % 3, columns[inside] - first - j[0]] = values[inside]
+        CE.destroy()
+        return np.linalg.inv(s.projector @ blocks @ s.projector + self._free)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Approximate solution y of the condensed system for the right-hand side x."""
+        s, E = self._s, self._E
+        r = x.array_r
+        r_c = np.zeros(s.C_z.getLocalSize()[0])
+        r_c[s.active] = r[s.own] / self._row_scale
+        r_c = r_c.reshape(-1, 3)
+        # Motions in the directions of the constraints
+        along = np.einsum("nij,nj->ni", s.projector, r_c)
+        move = np.einsum("nij,njk,nk->ni", s.projector, self._blocks, along).ravel()
+        step = sparse.product(E, move)
+        if s.T is not None:
+            step += sparse.product(s.T, step)
+
+        # Equilibrium of what is not constrained: the rows of S hold that of their own nodes
+        diagonal = np.zeros(len(move))
+        diagonal[s.active] = s.diagonal
+        across = -diagonal * np.einsum("nij,nj->ni", self._free, r_c).ravel()
+        moved = sparse.product_transposed(s.B_tilde, self._D_inverse * across)
+        moved[s.own] = 0.0  # without the own entries of B̃
+        rho, w = s.K.createVecLeft(), s.K.createVecRight()
+        rho.array[:] = r
+        rho.array[s.own] = across[s.active]
+        rho.array[:] += moved
+        rho.array[s.fixed] *= self._mean
+        self._inner.apply(rho, w)
+        self._W.multAdd(w, w, y)
+        y.array[:] += step
