@@ -11,6 +11,7 @@ import pytest
 import ufl
 from blocks import FACES, NU, E, block
 from dolfinx import fem
+from dolfinx_mortar import linearisation
 from test_bad_input import fails
 
 comm = MPI.COMM_WORLD
@@ -417,6 +418,47 @@ def test_no_step_leads_on():
     blocks = Blocks(held="sideways")
     blocks.load.value[2] = -1e12
     refused(blocks, "no admissible state", "not finite near X = (", "a cell is inside out")
+
+
+def test_linear_solver_that_stops_early():
+    options = {"ksp_type": "gmres", "pc_type": "jacobi", "ksp_max_it": 2, "snes_max_it": 4}
+    blocks = Blocks(petsc_options=options)
+    blocks.motion.value[2] = -0.05
+    refused(blocks, "linear solver", "ksp_max_it")
+
+
+@pytest.mark.serial
+def test_singular_factors():
+    """PETSc's own factorisation does not pivot, a saddle point has zeros on its diagonal."""
+    options = {"pc_type": "lu", "pc_factor_mat_solver_type": "petsc"}
+    blocks = Blocks(petsc_options=options, condense=False)
+    blocks.motion.value[2] = -0.05
+    refused(blocks, "linear solver", "a body", "held", "Dirichlet conditions")
+
+
+@pytest.mark.parametrize("condense", [True, False])
+def test_no_entry_on_the_diagonal(monkeypatch, condense):
+    """Condensation divides by the diagonal of D, a saddle point can do without."""
+    blocks = Blocks(condense=condense)
+    blocks.motion.value[2] = -0.01
+    blocks.solve()
+    before = blocks.snapshot()
+    nodal_terms = linearisation._nodal_terms
+
+    def without_entry(coupling):
+        active, blocks, projector, diagonal, own = nodal_terms(coupling)
+        diagonal[active[:3]] = 0.0
+        return active, blocks, projector, diagonal, own
+
+    blocks.motion.value[2] = -0.02
+    with monkeypatch.context() as m:
+        m.setattr(linearisation, "_nodal_terms", without_entry)
+        if condense:
+            refused(blocks, "No master covers a slave node", "smaller load steps")
+            blocks.is_as_in(before)
+        else:
+            blocks.solve()
+    blocks.solve()
 
 
 # -- Another problem than before -------------------------------------------------------------------
