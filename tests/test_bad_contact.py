@@ -167,7 +167,8 @@ def test_no_contact_reached(gap, load, options, held, condense):
     """Also where the factors of a singular matrix are finite, and the body flies away."""
     blocks = Blocks(gap, held, condense=condense, **options)
     blocks.load.value[2] = load
-    refused(blocks, *LOST)
+    error = refused(blocks, *LOST)
+    assert len(error.history) <= 2  # as soon as contact is lost
 
 
 @pytest.mark.parametrize(
@@ -405,6 +406,29 @@ def test_unconverged_step_with_friction():
     for b in (expected, blocks):
         drag(b, 0.1, -0.02)()
     np.testing.assert_allclose(blocks.numbers(), expected.numbers(), rtol=1e-7, atol=1e-7)
+
+
+def test_step_whose_second_half_fails():
+    """Nothing is left of the first half, which had been accepted."""
+    blocks = Blocks(friction=0.3)
+    for x in (0.0, 0.05):
+        blocks.motion.value[:] = x, 0.0, -0.02
+        blocks.solve()
+    before = blocks.snapshot()
+    calls = []
+
+    def load(t):
+        calls.append(t)
+        bad = t > 0.5 or len(calls) == 1
+        blocks.motion.value[:] = (np.nan if bad else 0.05 + 0.05 * t), 0.0, -0.02
+
+    fails(
+        lambda: blocks.solve(adaptive=load, max_cuts=2),
+        "prescribed displacement is not a finite number",
+        kind=dm.ConvergenceError,
+    )
+    assert 0.5 in calls
+    blocks.is_as_in(before)
 
 
 def test_load_that_is_not_a_number():
