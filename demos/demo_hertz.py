@@ -572,14 +572,18 @@ def show(u, contact, p, options):
     cap = surface(
         u.function_space.mesh, {"p": pressure}, displacement=u, facets=slave.tags.find(slave.tag)
     )
-    look = {"label": "contact pressure", "clim": (0.0, results[-1]["lambda_max"])}
+    look = {
+        "label": "contact pressure",
+        "clim": (0.0, results[-1]["lambda_max"]),
+        "cmap": "YlOrRd",
+    }
     picture(
         options.out / "hemisphere.png",
         [body],
         "p",
         title=f"Deformed hemisphere, p = {p:g}",
         view=(-1.2, -1.6, -0.7),
-        zoom=0.75,
+        zoom=0.95,
         **look,
     )
     picture(

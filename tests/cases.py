@@ -469,6 +469,55 @@ def make_interfaces(case: Case, **options) -> list:
     return made
 
 
+@dataclass
+class Solvable:
+    """A case made into a problem."""
+
+    u: list
+    interfaces: list
+    conditions: DirichletConditions
+    problem: object
+
+    @property
+    def contact(self):
+        """The only interface."""
+        (interface,) = self.interfaces
+        return interface
+
+    def step(self, t: float) -> int:
+        """Set boundary values for a time and solve; number of Newton iterations."""
+        self.conditions.set_time(t)
+        return self.problem.solve()
+
+
+def make_problem(
+    case: Case, forms=None, condense=None, petsc_options=None, **options
+) -> Solvable:
+    """The `dolfinx_mortar.ContactProblem` of a case.
+
+    Args:
+        case: The case.
+        forms: Residual forms, by default those of the case.
+        condense, petsc_options: Of the problem.
+        **options: For all interfaces, such as `multiplier`.
+    """
+    import dolfinx_mortar as dm
+
+    u = displacements(case)
+    interfaces = make_interfaces(case, **options)
+    conditions = DirichletConditions(case)
+    problem = dm.ContactProblem(
+        forms or residuals(case, u),
+        u,
+        bcs=conditions.bcs,
+        interfaces=interfaces,
+        condense=condense,
+        petsc_options_prefix="case_",
+        petsc_options=petsc_options,
+    )
+    return Solvable(u, interfaces, conditions, problem)
+
+
 def displacement_at(
     case: Case, u: Sequence[fem.Function], part: int, point: Sequence[float]
 ) -> np.ndarray:

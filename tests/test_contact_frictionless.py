@@ -18,24 +18,14 @@ def run(case, times, condense=None, rtol=1e-11, **options):
     Returns:
         Displacements, contact, problem, and the history of each step.
     """
-    u = cases.displacements(case)
-    (contact,) = cases.make_interfaces(case, **options)
-    bcs = cases.DirichletConditions(case)
-    problem = dm.ContactProblem(
-        cases.residuals(case, u),
-        u,
-        bcs=bcs.bcs,
-        interfaces=[contact],
-        condense=condense,
-        petsc_options_prefix="block_",
-        petsc_options={"snes_rtol": rtol},
+    s = cases.make_problem(
+        case, condense=condense, petsc_options={"snes_rtol": rtol}, **options
     )
     histories = []
     for t in times:
-        bcs.set_time(t)
-        problem.solve()
-        histories.append(problem.history)
-    return u, contact, problem, histories
+        s.step(t)
+        histories.append(s.problem.history)
+    return s.u, s.contact, s.problem, histories
 
 
 def check_balance(contact, moments=True):

@@ -36,20 +36,10 @@ def pressed_blocks(slave, master, load, energy=None):
 
 def solve(case, condense=None, **options):
     """Displacements, contact and problem of a case solved in one step."""
-    u = cases.displacements(case)
-    (contact,) = cases.make_interfaces(case, **options)
-    problem = dm.ContactProblem(
-        cases.residuals(case, u),
-        u,
-        bcs=cases.DirichletConditions(case).bcs,
-        interfaces=[contact],
-        condense=condense,
-        petsc_options_prefix="contact_patch_",
-        # Quadratic convergence: the iteration beyond 1e-9 reaches round-off
-        petsc_options={"snes_rtol": 1e-12},
-    )
-    problem.solve()
-    return u, contact, problem
+    # Quadratic convergence: the iteration beyond 1e-9 reaches round-off
+    s = cases.make_problem(case, condense=condense, petsc_options={"snes_rtol": 1e-12}, **options)
+    s.problem.solve()
+    return s.u, s.contact, s.problem
 
 
 def pressures(contact):

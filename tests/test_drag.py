@@ -2,20 +2,14 @@
 # SPDX-License-Identifier: MIT
 """A rubber block (hex20) dragged over a steel plate (tet10), forth and back: against statics."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from demo_loader import load_demo
 
 
 @pytest.fixture(scope="module")
 def demo():
-    path = Path(__file__).parents[1] / "demos" / "demo_drag.py"
-    spec = importlib.util.spec_from_file_location("demo_drag", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_demo("demo_drag")
 
 
 def test_drag_and_back(demo):

@@ -11,21 +11,6 @@ import pytest
 OPEN, STICK, SLIP = 0, 1, 2
 
 
-def make(case, **options):
-    """Displacements, contact, problem and boundary conditions of a case."""
-    u = cases.displacements(case)
-    (contact,) = cases.make_interfaces(case, **options)
-    bcs = cases.DirichletConditions(case)
-    problem = dm.ContactProblem(
-        cases.residuals(case, u),
-        u,
-        bcs=bcs.bcs,
-        interfaces=[contact],
-        petsc_options_prefix="friction_",
-    )
-    return u, contact, problem, bcs
-
-
 def nodal(contact):
     """Of the owned nodes in contact: pressure, tangential multiplier, slip, state."""
     n = contact.num_owned
@@ -63,13 +48,12 @@ def check_cone(contact, largest):
 def test_4c_sliding_block():
     """4C takes its dual functions from whole facets and too few points: that is 1.7e-6."""
     case = cases.sliding_block()
-    u, contact, problem, bcs = make(case, initial_active="all", c_n=1e4, c_t=1e4)
+    s = cases.make_problem(case, initial_active="all", c_n=1e4, c_t=1e4)
     for t in case.times:
-        bcs.set_time(t)
-        assert problem.solve() < 8
-        check_cone(contact, 100.0)
-    assert cases.check_expected(case, u, tolerance=2e-6) < 2e-6
-    assert problem.history[-1]["stick"] == 8
+        assert s.step(t) < 8
+        check_cone(s.contact, 100.0)
+    assert cases.check_expected(case, s.u, tolerance=2e-6) < 2e-6
+    assert s.problem.history[-1]["stick"] == 8
 
 
 def on_rigid_plate(friction=None, element="hex20"):
@@ -92,52 +76,50 @@ def on_rigid_plate(friction=None, element="hex20"):
 @pytest.mark.parametrize("element", ["hex20", "tet10"])
 def test_drag_is_friction_times_pressing_force(element):
     case = on_rigid_plate(0.1, element)
-    _, contact, problem, bcs = make(case)
+    s = cases.make_problem(case)
     for t in case.times:
-        bcs.set_time(t)
-        problem.solve()
-        check_cone(contact, 100.0)
-        force = contact.force
-        assert np.abs(force + contact.master_force).max() < 1e-10 * np.abs(force).max()
-    last = problem.history[-1]
+        s.step(t)
+        check_cone(s.contact, 100.0)
+        force = s.contact.force
+        assert np.abs(force + s.contact.master_force).max() < 1e-10 * np.abs(force).max()
+    last = s.problem.history[-1]
     assert last["slip"] == last["active"] > 0
     assert force[0] == pytest.approx(-0.1 * force[2], rel=1e-6)
     assert abs(force[1]) < 1e-6 * force[2]
     # What the drag takes over a step is its work
-    assert contact.dissipation == pytest.approx(-force[0] * 0.1, rel=1e-3)
+    assert s.contact.dissipation == pytest.approx(-force[0] * 0.1, rel=1e-3)
 
 
 def test_tresca_bound():
     case = on_rigid_plate()
-    _, contact, problem, bcs = make(case, friction=None, tresca=0.5)
+    s = cases.make_problem(case, friction=None, tresca=0.5)
     for t in case.times:
-        bcs.set_time(t)
-        problem.solve()
-    _, tangential, _, status = nodal(contact)
+        s.step(t)
+    _, tangential, _, status = nodal(s.contact)
     assert np.all(status == SLIP)
     assert np.abs(np.linalg.norm(tangential, axis=1) - 0.5).max(initial=0) < 1e-8
-    pressing = contact.force[2]
+    pressing = s.contact.force[2]
     assert pressing > 1  # the bound does not know of it
 
 
 def test_turning_together_is_no_slip():
     """A rigid motion of both bodies changes D and M, but it is no slip."""
     case = on_rigid_plate(0.3)
-    u, contact, problem, bcs = make(case)
+    s = cases.make_problem(case)
     for t in case.times[:2]:
-        bcs.set_time(t)
-        problem.solve()
+        s.step(t)
+    problem = s.problem
     problem._begin()  # the next step remembers this one
     axis = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
     W = np.cross(np.eye(3), axis)
     R = np.eye(3) + np.sin(0.7) * W + (1 - np.cos(0.7)) * W @ W
     z = problem._z.reshape(-1, 3) @ R.T
-    for f in u:
+    for f in s.u:
         X = f.function_space.tabulate_dof_coordinates()
         f.x.array[:] = ((X + f.x.array.reshape(-1, 3)) @ R.T + [0.3, -1, 2] - X).ravel()
     problem._cached = None
     problem._evaluate(np.concatenate([problem._layout.gather(problem._functions), z.ravel()]))
-    pressure, tangential, slip, _ = nodal(contact)
+    pressure, tangential, slip, _ = nodal(s.contact)
     assert np.all(pressure > 0)
     assert np.abs(slip).max(initial=0) < 1e-15
     check_rotated = np.linalg.norm(tangential, axis=1) / (0.3 * pressure)
@@ -149,16 +131,15 @@ def test_second_press_starts_from_the_accepted_step():
     case = on_rigid_plate(0.3)
     forces = []
     for fail in (False, True):
-        _, contact, problem, bcs = make(case)
+        s = cases.make_problem(case)
         for t in case.times[:3]:
             if fail and t > 1.5:
-                bcs.set_time(t)
-                limits = problem.snes.getTolerances()
-                problem.snes.setTolerances(max_it=1)
+                snes = s.problem.snes
+                limits = snes.getTolerances()
+                snes.setTolerances(max_it=1)
                 with pytest.raises(dm.ConvergenceError):
-                    problem.solve()
-                problem.snes.setTolerances(max_it=limits[3])
-            bcs.set_time(t)
-            problem.solve()
-        forces.append(contact.force)
+                    s.step(t)
+                snes.setTolerances(max_it=limits[3])
+            s.step(t)
+        forces.append(s.contact.force)
     assert np.abs(forces[0] - forces[1]).max() < 1e-9 * np.abs(forces[0]).max()

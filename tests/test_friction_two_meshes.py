@@ -37,19 +37,9 @@ def touching(slave, master):
 
 
 def solve(case, condense=None, **options):
-    u = cases.displacements(case)
-    (interface,) = cases.make_interfaces(case, **options)
-    problem = dm.ContactProblem(
-        cases.residuals(case, u),
-        u,
-        bcs=cases.DirichletConditions(case).bcs,
-        interfaces=[interface],
-        condense=condense,
-        petsc_options_prefix="stick_",
-        petsc_options={"snes_rtol": 1e-10},
-    )
-    problem.solve()
-    return u, interface, problem
+    s = cases.make_problem(case, condense=condense, petsc_options={"snes_rtol": 1e-10}, **options)
+    s.problem.solve()
+    return s.u, s.contact, s.problem
 
 
 def nodal(contact):
@@ -116,23 +106,12 @@ def test_condensed_is_saddle_point(pair):
     case = dragged(*pair)
     found = []
     for condense in (True, False):
-        u = cases.displacements(case)
-        (contact,) = cases.make_interfaces(case)
-        bcs = cases.DirichletConditions(case)
-        problem = dm.ContactProblem(
-            cases.residuals(case, u),
-            u,
-            bcs=bcs.bcs,
-            interfaces=[contact],
-            condense=condense,
-            petsc_options_prefix="drag_",
-        )
+        s = cases.make_problem(case, condense=condense)
         sets = []
         for t in case.times:
-            bcs.set_time(t)
-            problem.solve()
-            sets += [(h["active"], h["stick"], h["slip"]) for h in problem.history]
-        found.append((sets, u, contact.force))
+            s.step(t)
+            sets += [(h["active"], h["stick"], h["slip"]) for h in s.problem.history]
+        found.append((sets, s.u, s.contact.force))
     assert found[0][0] == found[1][0]
     assert any(stick and slip for _, stick, slip in found[0][0])
     for a, b in zip(found[0][1], found[1][1], strict=True):

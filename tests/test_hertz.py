@@ -2,22 +2,16 @@
 # SPDX-License-Identifier: MIT
 """Hertz's problem on coarse meshes: largest pressure, contact radius and force."""
 
-import importlib.util
-from pathlib import Path
-
 import numpy as np
 import pytest
+from demo_loader import load_demo
 
 pytest.importorskip("gmsh")
 
 
 @pytest.fixture(scope="module")
 def demo():
-    path = Path(__file__).parents[1] / "demos" / "demo_hertz.py"
-    spec = importlib.util.spec_from_file_location("demo_hertz", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load_demo("demo_hertz")
 
 
 @pytest.mark.parametrize("material", ["neo-hooke", "st-venant-kirchhoff", "linear"])

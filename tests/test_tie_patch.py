@@ -31,19 +31,9 @@ STRAIN = 1e-3 * np.array([[1.0, 0.3, -0.4], [0.3, -0.7, 0.5], [-0.4, 0.5, -1.2]]
 
 def solve(case, forms=None, condense=None, **options):
     """Displacements, ties, problem of a case solved in one step."""
-    u = cases.displacements(case)
-    forms = forms or cases.residuals(case, u)
-    ties = cases.make_interfaces(case, **options)
-    problem = dm.ContactProblem(
-        forms,
-        u,
-        bcs=cases.DirichletConditions(case).bcs,
-        interfaces=ties,
-        condense=condense,
-        petsc_options_prefix="patch_",
-    )
-    problem.solve()
-    return u, ties, problem
+    s = cases.make_problem(case, forms, condense, **options)
+    s.problem.solve()
+    return s.u, s.interfaces, s.problem
 
 
 def relative_error(case, u):

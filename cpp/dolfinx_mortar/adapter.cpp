@@ -6,6 +6,7 @@
 #include "error.h"
 #include <algorithm>
 #include <array>
+#include <Eigen/Dense>
 #include <basix/cell.h>
 #include <basix/finite-element.h>
 #include <cmath>
@@ -19,18 +20,7 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-using Vector = std::array<double, 3>;
-
-Vector cross(const Vector& a, const Vector& b)
-{
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-          a[0] * b[1] - a[1] * b[0]};
-}
-
-double dot(const Vector& a, const Vector& b)
-{
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+using Vector = Eigen::Vector3d;
 
 /// A facet of the reference cell.
 struct ReferenceFacet
@@ -136,11 +126,10 @@ reference_facets(const basix::FiniteElement<double>& e)
   const std::vector<double>& points = e.points().first;
   auto vertex = [&](int v) -> Vector
   { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
-  Vector centre = {};
+  Vector centre = Vector::Zero();
   const int num_vertices = topology[0].size();
   for (int v = 0; v < num_vertices; ++v)
-    for (int c = 0; c < 3; ++c)
-      centre[c] += vertex(v)[c] / num_vertices;
+    centre += vertex(v) / num_vertices;
 
   std::vector<ReferenceFacet> facets(topology[2].size());
   for (std::size_t f = 0; f < facets.size(); ++f)
@@ -173,16 +162,10 @@ reference_facets(const basix::FiniteElement<double>& e)
     facet.type = type();
 
     const Vector x0 = vertex(topology[2][f][0]);
-    Vector t0 = vertex(topology[2][f][1]), t1 = vertex(topology[2][f][2]);
-    Vector out;
-    for (int c = 0; c < 3; ++c)
-    {
-      t0[c] -= x0[c];
-      t1[c] -= x0[c];
-      facet.midpoint[c] = x0[c] + (t0[c] + t1[c]) / (triangle ? 3 : 2);
-      out[c] = facet.midpoint[c] - centre[c];
-    }
-    facet.outward = dot(cross(t0, t1), out) > 0;
+    const Vector t0 = vertex(topology[2][f][1]) - x0;
+    const Vector t1 = vertex(topology[2][f][2]) - x0;
+    facet.midpoint = x0 + (t0 + t1) / (triangle ? 3 : 2);
+    facet.outward = t0.cross(t1).dot(facet.midpoint - centre) > 0;
 
     const std::span<const double> nodes = node_coordinates(facet.type);
     for (int k = 0; k < num_nodes(facet.type); ++k)
@@ -220,7 +203,7 @@ tabulate_derivatives(const dolfinx::fem::CoordinateElement<double>& cmap,
 {
   const std::array<std::size_t, 4> shape = cmap.tabulate_shape(1, 1);
   std::vector<double> phi(shape[0] * shape[1] * shape[2] * shape[3]);
-  cmap.tabulate(1, X, {1, 3}, phi);
+  cmap.tabulate(1, std::span(X.data(), 3), {1, 3}, phi);
   return std::vector(phi.begin() + shape[2], phi.end());
 }
 
@@ -232,12 +215,12 @@ double jacobian_determinant(std::span<const double> dphi,
                             std::span<const std::int32_t> nodes,
                             std::span<const double> x)
 {
-  std::array<Vector, 3> J = {};
+  Eigen::Matrix3d J = Eigen::Matrix3d::Zero();
   for (int i = 0; i < 3; ++i)
     for (std::size_t k = 0; k < nodes.size(); ++k)
-      for (int c = 0; c < 3; ++c)
-        J[i][c] += dphi[i * nodes.size() + k] * x[3 * nodes[k] + c];
-  return dot(cross(J[0], J[1]), J[2]);
+      J.col(i) += dphi[i * nodes.size() + k]
+                  * Eigen::Map<const Vector>(x.data() + 3 * nodes[k]);
+  return J.determinant();
 }
 
 /// Midpoint of the geometry nodes of a cell.
@@ -245,11 +228,11 @@ std::string cell_midpoint(const dolfinx::mesh::Mesh<double>& mesh,
                           std::int32_t cell)
 {
   const auto nodes = compat::geometry_nodes(mesh, cell);
-  Vector x = {};
+  Vector x = Vector::Zero();
   for (std::int32_t n : nodes)
-    for (int c = 0; c < 3; ++c)
-      x[c] += mesh.geometry().x()[3 * n + c] / nodes.size();
-  return to_string(x);
+    x += Eigen::Map<const Vector>(mesh.geometry().x().data() + 3 * n)
+         / nodes.size();
+  return to_string(std::span<const double, 3>(x.data(), 3));
 }
 } // namespace
 

@@ -104,32 +104,11 @@ FacetMatrix
 dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
                                        std::span<const std::int8_t> positive)
 {
-  const int n = num_nodes(type), nc = num_corners(type);
-  FacetMatrix T = FacetMatrix::Identity(n, n);
-  if (!is_second_order(type))
-    return T;
+  // Corners, then edges, then the centre: T is lower triangular, so this is
   // d̃_e = (d_e - α (d_a + d_b)) / (1 - 2 α)
-  const auto edges = edge_corners(type);
-  for (int e = 0; e < nc; ++e)
-  {
-    const EdgeShare s
-        = edge_share(space, type, !positive.empty() and positive[nc + e]);
-    for (int c : edges[e])
-      T(nc + e, c) = -s.corner / s.edge;
-    T(nc + e, nc + e) = 1 / s.edge;
-  }
-  if (type == FacetType::quad9)
-  {
-    // d̃_9 = (d_9 - γ Σ d̃_c - δ Σ d̃_e) / ε
-    const CentreShare s
-        = centre_share(space, !positive.empty() and positive[8]);
-    FacetMatrix row = FacetMatrix::Zero(1, 9);
-    row(0, 8) = 1;
-    row -= s.corner * T.topRows(4).colwise().sum();
-    row -= s.edge * T.middleRows(4, 4).colwise().sum();
-    T.row(8) = row / s.centre;
-  }
-  return T;
+  const FacetMatrix T = transformation(space, type, positive);
+  return T.triangularView<Eigen::Lower>().solve(
+      FacetMatrix::Identity(T.rows(), T.cols()));
 }
 //-----------------------------------------------------------------------------
 bool ScaledCholesky::compute(const FacetMatrix& M)

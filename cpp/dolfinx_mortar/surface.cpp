@@ -4,6 +4,7 @@
 #include "surface.h"
 #include "error.h"
 #include "mpi_exchange.h"
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -15,19 +16,13 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-using Vector = std::array<double, 3>;
+using Vector = Eigen::Vector3d;
 
-Vector cross(const Vector& a, const Vector& b)
+/// Row of a list of positions, normals or the like.
+Vector row(std::span<const double> x, std::int32_t i)
 {
-  return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2],
-          a[0] * b[1] - a[1] * b[0]};
+  return Eigen::Map<const Vector>(x.data() + 3 * i);
 }
-
-double dot(const Vector& a, const Vector& b)
-{
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /// Derivatives of the shape functions at the nodes, `[node][direction][k]`
 using NodeDerivatives
     = std::array<std::array<std::array<double, max_facet_nodes>, 2>,
@@ -59,11 +54,10 @@ std::array<Vector, 2>
 tangents(std::span<const std::int32_t> nodes, std::span<const double> x,
          const std::array<std::array<double, max_facet_nodes>, 2>& dN)
 {
-  std::array<Vector, 2> t = {};
+  std::array<Vector, 2> t = {Vector::Zero(), Vector::Zero()};
   for (std::size_t l = 0; l < nodes.size(); ++l)
     for (int i = 0; i < 2; ++i)
-      for (int c = 0; c < 3; ++c)
-        t[i][c] += dN[i][l] * x[3 * nodes[l] + c];
+      t[i] += dN[i][l] * row(x, nodes[l]);
   return t;
 }
 
@@ -76,12 +70,7 @@ double squared_size(std::span<const std::int32_t> nodes,
 {
   double size = 0;
   for (std::int32_t n : nodes)
-  {
-    Vector d;
-    for (int c = 0; c < 3; ++c)
-      d[c] = x[3 * n + c] - x[3 * nodes[0] + c];
-    size = std::max(size, dot(d, d));
-  }
+    size = std::max(size, (row(x, n) - row(x, nodes[0])).squaredNorm());
   return size;
 }
 
@@ -90,11 +79,10 @@ std::string no_area_message(FacetType type, std::span<const std::int32_t> nodes,
                             const std::string& name)
 {
   const int n = num_corners(type);
-  Vector midpoint = {};
+  Vector midpoint = Vector::Zero();
   for (int l = 0; l < n; ++l)
-    for (int c = 0; c < 3; ++c)
-      midpoint[c] += x[3 * nodes[l] + c] / n;
-  return "The facet of the " + name + " with midpoint " + to_string(midpoint)
+    midpoint += row(x, nodes[l]) / n;
+  return "The facet of the " + name + " with midpoint " + to_string(std::span<const double, 3>(midpoint.data(), 3))
          + " has no area at its node "
          + to_string(x.subspan(3 * nodes[k]).first<3>())
          + ": look for collapsed cells in the mesh, or for a step that "
@@ -143,13 +131,13 @@ Vector dropped(std::span<const std::int8_t> fixed, std::span<const double> n,
                std::int32_t node)
 {
   if (fixed.empty())
-    return {1, 1, 1};
+    return Vector::Ones();
   Vector keep;
   for (int c = 0; c < 3; ++c)
   {
     keep[c] = fixed[3 * node + c] ? 0 : 1;
     if (fixed[3 * node + c] and n[3 * node + c] != 0)
-      return {1, 1, 1};
+      return Vector::Ones();
   }
   return keep;
 }
@@ -384,9 +372,8 @@ void dolfinx_mortar::check_areas(const Surface& s, std::span<const double> x,
     for (std::size_t k = 0; k < nodes.size(); ++k)
     {
       auto [t0, t1] = tangents(nodes, x, dN[k]);
-      const Vector c = cross(t0, t1);
       // Not ≤, which is false for NaN
-      if (!(std::sqrt(dot(c, c)) > tol))
+      if (!(t0.cross(t1).norm() > tol))
         message = no_area_message(s.types[f], nodes, k, x, name);
     }
   }
@@ -418,16 +405,16 @@ Normals dolfinx_mortar::compute_normals(const Surface& s,
     for (std::size_t k = 0; k < nodes.size(); ++k)
     {
       auto [t0, t1] = tangents(nodes, x, dN[k]);
-      const Vector c = cross(t0, t1);
-      const double length = std::sqrt(dot(c, c));
+      const Vector c = t0.cross(t1);
+      const double length = c.norm();
       // Not ≤, which is false for NaN
       if (!(length > tol))
       {
         message = no_area_message(s.types[f], nodes, k, x, "surface");
         continue;
       }
-      for (int i = 0; i < 3; ++i)
-        normals.n[3 * nodes[k] + i] += s.orientation[f] * c[i] / length;
+      Eigen::Map<Vector>(normals.n.data() + 3 * nodes[k])
+          += s.orientation[f] * c / length;
     }
   }
   throw_on_all(s.comm, message);
@@ -435,9 +422,8 @@ Normals dolfinx_mortar::compute_normals(const Surface& s,
 
   for (std::int32_t k = 0; k < s.num_owned; ++k)
   {
-    std::span<double> sum(normals.n.data() + 3 * k, 3);
-    Vector left = {sum[0], sum[1], sum[2]};
-    double length = std::sqrt(dot(left, left));
+    Eigen::Map<Vector> n(normals.n.data() + 3 * k);
+    double length = n.norm();
     if (!(length > 1e-8) and message.empty())
     {
       message = "The normals of the facets that meet at the surface node "
@@ -449,15 +435,14 @@ Normals dolfinx_mortar::compute_normals(const Surface& s,
     {
       Vector kept;
       for (int c = 0; c < 3; ++c)
-        kept[c] = fixed[3 * k + c] ? 0 : left[c];
-      if (const double l = std::sqrt(dot(kept, kept)); l > 0.1 * length)
+        kept[c] = fixed[3 * k + c] ? 0 : n[c];
+      if (kept.norm() > 0.1 * length)
       {
-        left = kept;
-        length = l;
+        n = kept;
+        length = kept.norm();
       }
     }
-    for (int c = 0; c < 3; ++c)
-      sum[c] = left[c] / length;
+    n /= length;
     normals.length[k] = length;
   }
   throw_on_all(s.comm, message);
@@ -481,37 +466,24 @@ void dolfinx_mortar::normal_derivative(const Surface& s,
     // n = P s / |P s|, s = Σ m, m = c / |c|, c = ± t₀ × t₁: Q = ∂n/∂c of this
     // facet is (I - n nᵀ) / |P s| · P · (I - m mᵀ) / |c|
     auto [t0, t1] = tangents(nodes, x, dN[k]);
-    Vector m = cross(t0, t1);
-    const double length = std::sqrt(dot(m, m));
-    for (double& mi : m)
-      mi *= s.orientation[f] / length;
-    const double* n = normals.n.data() + 3 * nodes[k];
+    const Vector c = t0.cross(t1);
+    const double length = c.norm();
+    const Vector m = s.orientation[f] * c / length, n = row(normals.n, nodes[k]);
     const Vector keep = dropped(fixed, normals.n, nodes[k]);
     const double scale = s.orientation[f] / (length * normals.length[nodes[k]]);
-    const double nm
-        = n[0] * keep[0] * m[0] + n[1] * keep[1] * m[1] + n[2] * keep[2] * m[2];
-    std::array<Vector, 3> Q;
-    for (int i = 0; i < 3; ++i)
-    {
-      for (int j = 0; j < 3; ++j)
-      {
-        // (I - n nᵀ) P (I - m mᵀ)
-        Q[i][j] = scale
-                  * ((i == j ? keep[i] : 0) - n[i] * n[j] * keep[j]
-                     - (keep[i] * m[i] - n[i] * nm) * m[j]);
-      }
-    }
+    const Eigen::Matrix3d I = Eigen::Matrix3d::Identity(), P = keep.asDiagonal();
+    const Eigen::Matrix3d Q
+        = scale * (I - n * n.transpose()) * P * (I - m * m.transpose());
 
     // Row i of Q times dc = dN₀ (dx × t₁) + dN₁ (t₀ × dx) is
     // (dN₀ t₁ × q - dN₁ t₀ × q) · dx
     for (int i = 0; i < 3; ++i)
     {
-      const Vector a = cross(t1, Q[i]);
-      const Vector b = cross(t0, Q[i]);
-      double* row = dn.data() + (3 * k + i) * 3 * num;
+      const Vector q = Q.row(i), a = t1.cross(q), b = t0.cross(q);
+      double* out = dn.data() + (3 * k + i) * 3 * num;
       for (std::size_t l = 0; l < num; ++l)
         for (int c = 0; c < 3; ++c)
-          row[3 * l + c] = dN[k][0][l] * a[c] - dN[k][1][l] * b[c];
+          out[3 * l + c] = dN[k][0][l] * a[c] - dN[k][1][l] * b[c];
     }
   }
 }
