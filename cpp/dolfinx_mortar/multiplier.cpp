@@ -107,8 +107,14 @@ dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
   // Corners, then edges, then the centre: T is lower triangular, so this is
   // d̃_e = (d_e - α (d_a + d_b)) / (1 - 2 α)
   const FacetMatrix T = transformation(space, type, positive);
-  return T.triangularView<Eigen::Lower>().solve(
-      FacetMatrix::Identity(T.rows(), T.cols()));
+  FacetMatrix inverse = FacetMatrix::Identity(T.rows(), T.cols());
+  for (int i = 0; i < T.rows(); ++i)
+  {
+    for (int j = 0; j < i; ++j)
+      inverse.row(i) -= T(i, j) * inverse.row(j);
+    inverse.row(i) /= T(i, i);
+  }
+  return inverse;
 }
 //-----------------------------------------------------------------------------
 bool ScaledCholesky::compute(const FacetMatrix& M)

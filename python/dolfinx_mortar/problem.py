@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import weakref
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,31 +19,17 @@ import ufl
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import checkpoint, compat, plausibility
+from . import checkpoint, compat, diagnosis
 from .condensation import LinearSolver
 from .contact import Contact
 from .coupling import Coupling
+from .diagnosis import SMALLER
 from .errors import ConvergenceError
 from .interfaces import Interface
 from .layout import Layout
 from .linearisation import linearise
 from .multipliers import find_fixed_dofs
-
-# Default options of Newton's iteration and of three kinds of linear solvers
-_NEWTON = {"snes_rtol": 1e-9, "snes_max_it": 50, "snes_linesearch_type": "basic"}
-_FACTORISATION = {"pc_factor_mat_solver_type": "mumps", "mat_mumps_icntl_14": 60}
-_KRYLOV = {"ksp_type": "gmres", "ksp_rtol": 1e-8, "ksp_gmres_restart": 200}
-_MULTIGRID = {
-    "mg_levels_pc_type": "sor",
-    "mg_levels_ksp_max_it": 1,
-    "pc_gamg_threshold": 0.02,
-}
-
-_SMALLER = (
-    " Take smaller load steps, or let solve(adaptive=...) cut them; the state is as before the "
-    "step."
-)
-
+from .petsc_options import PetscOptions
 
 def _list(x: Any) -> list:
     return list(x) if isinstance(x, list | tuple) else [x]
@@ -143,8 +128,8 @@ class ContactProblem:
         self._z = np.zeros(self._n_z)
         self._started = False
         self.history: list[dict] = []
-        self._option_values = self._choose_options(petsc_options_prefix, petsc_options or {})
-        with self._options():
+        self._options = PetscOptions(petsc_options_prefix, petsc_options or {})
+        with self._options.lent():
             self._create_solver(petsc_options_prefix, condense)
 
     # -- Set-up ---------------------------------------------------------------
@@ -165,40 +150,6 @@ class ContactProblem:
             self._cell_size[self._layout.starts[b] : self._layout.starts[b + 1]] = (
                 total[0] / total[1]
             )
-
-    def _choose_options(self, prefix: str, options: dict[str, Any]) -> dict[str, Any]:
-        """Full names and values of PETSc options: the user's, and defaults for the rest."""
-        database = PETSc.Options()
-
-        def chosen(key: str) -> str | None:
-            return options.get(key) or database.getString(prefix + key, "") or None
-
-        pc, ksp = chosen("pc_type"), chosen("ksp_type")
-        defaults = dict(_NEWTON)
-        if pc in (None, "lu") and ksp in (None, "preonly"):
-            defaults |= {"ksp_type": "preonly", "pc_type": "lu"}
-        elif ksp != "preonly":
-            # A Cholesky factorisation, too, is one of the reduced system only
-            defaults |= _KRYLOV
-        if pc in ("lu", "cholesky") or defaults.get("pc_type") == "lu":
-            defaults |= _FACTORISATION
-        elif pc == "gamg":
-            defaults |= _MULTIGRID
-        # What the command line says counts more than defaults
-        names = {prefix + k: v for k, v in defaults.items() if not database.hasName(prefix + k)}
-        return names | {prefix + k: v for k, v in options.items()}
-
-    @contextmanager
-    def _options(self) -> Iterator[None]:
-        """Lend the problem's options to PETSc's database, for solvers that are set up inside."""
-        database = PETSc.Options()
-        for name, value in self._option_values.items():
-            database.setValue(name, value)
-        try:
-            yield
-        finally:
-            for name in self._option_values:
-                database.delValue(name)
 
     def _create_solver(self, prefix: str, condense: bool) -> None:
         self._monitor = PETSc.Options().hasName(prefix + "snes_monitor")
@@ -320,7 +271,7 @@ class ContactProblem:
         if self.comm.allreduce(bare, op=MPI.LOR):
             raise ConvergenceError(
                 "No master covers a slave node in contact any more, so that its multiplier can not "
-                f"be condensed.{_SMALLER}"
+                f"be condensed.{SMALLER}"
             )
 
     def _check_held(self, K: PETSc.Mat) -> None:
@@ -367,7 +318,7 @@ class ContactProblem:
         for _ in range(10):
             try:
                 f = self._evaluate(x.array_r - y.array_r)
-                failure = self._find_infinite(f)
+                failure = diagnosis.find_infinite(self, f)
             except RuntimeError as error:
                 failure = str(error)
             if not failure:
@@ -378,26 +329,8 @@ class ContactProblem:
             self._iteration_step *= 0.5
         raise ConvergenceError(
             f"However short the step ({self._iteration_step:.0e} of Newton's), it leads to no "
-            f"admissible state. {self._failure}{_SMALLER}"
+            f"admissible state. {self._failure}{SMALLER}"
         )
-
-    def _find_infinite(self, f: npt.NDArray[np.float64]) -> str:
-        """Say where a residual is not finite; empty where it is. Collective."""
-        n = self._n_u
-        bad = ~np.isfinite(f)
-        prescribed, tractions = bad[self._coupling.fixed_dofs].any(), bad[n:].any()
-        nodes = self._layout.positions().reshape(-1, 3)[bad[:n].reshape(-1, 3).any(axis=1)]
-        at = min(self.comm.allgather(min(map(tuple, nodes), default=(np.inf,))))
-        if self.comm.allreduce(bool(prescribed), op=MPI.LOR):
-            return "A prescribed displacement is not a finite number."
-        if at[0] < np.inf:
-            return (
-                f"The residual force is not finite near X = {plausibility.point(at)}: a load is "
-                "not a finite number, or a cell is inside out."
-            )
-        if self.comm.allreduce(bool(tractions), op=MPI.LOR):
-            return "A contact traction is not a finite number."
-        return ""
 
     def _measures(self) -> dict:
         """Norms that decide on convergence. Collective."""
@@ -585,21 +518,23 @@ class ContactProblem:
             self._x.array[:n] = state[0]
             self._x.array[n:] = state[1]
             self._begin()
-            with self._options():
+            with self._options.lent():
                 self.snes.solve(None, self._x)
             reason = self.snes.getConvergedReason()
             if self._raised is not None:
                 raise self._raised
             if reason <= 0:
-                raise ConvergenceError(self._explain(reason), self.history)
+                raise ConvergenceError(diagnosis.explain_reason(self, reason), self.history)
             self._evaluate(self._x.array_r)
-            self._check_solution()
+            complaint = diagnosis.complain_of_solution(self)
+            if complaint:
+                raise ConvergenceError(complaint, self.history)
         except Exception as error:
             # What is said about the failed state must be found out before it is left
-            text, cause = "", _cause(error)
+            text, cause = "", diagnosis.cause(error)
             iterating = self._raised is not None or isinstance(error, PETSc.Error)
             if iterating and isinstance(cause, RuntimeError):
-                text = self._explain_error(cause)
+                text = diagnosis.explain_error(self, cause)
             self._release_system()
             self._cached = None
             self._restore(state)
@@ -613,15 +548,6 @@ class ContactProblem:
         self._coupling.accept(self._layout.all_local(self._functions))
         self._started = True
         return self.snes.getIterationNumber()
-
-    def _check_solution(self) -> None:
-        """Refuse solutions that can not be meant. Collective."""
-        text = self._coupling.find_implausible(self._functions)
-        text = f"{text}{_SMALLER}" if text else self._coupling.find_blocked()
-        if text:
-            raise ConvergenceError(
-                f"The solve converged to a state that can not be meant. {text}", self.history
-            )
 
     def _begin(self) -> None:
         """Prepare parameters and the initial active set. Collective."""
@@ -642,65 +568,8 @@ class ContactProblem:
             if self._forced is not None:
                 self._cached = None
 
-    def _explain(self, reason: int) -> str:
-        Reason = PETSc.SNES.ConvergedReason
-        names = {getattr(Reason, k): k for k in dir(Reason) if k.startswith("DIVERGED")}
-        text = f"The solve did not converge ({names.get(reason, reason)})"
-        if self.history:
-            r = self.history[-1]
-            text += f" after {r['iteration']} Newton iterations."
-            measures = {k: r[k] for k in ("force", "constraint", "prescribed")}
-            worst = max(measures, key=measures.get)
-            meaning = {
-                "force": "the residual force",
-                "constraint": "the interface constraint",
-                "prescribed": "the distance to prescribed displacements",
-            }[worst]
-            text += f" Largest is {meaning}, {measures[worst]:.2e} relative"
-            if self._coupling.has_contact:
-                moves = ", ".join(f"{h['active']} (±{h['changes']})" for h in self.history[-5:])
-                text += f"; nodes in contact (changed) in the last iterations: {moves}"
-            text += "."
-            if any(h.get("cycle") for h in self.history):
-                text += " The active set cycled."
-        else:
-            infinite = "" if self._cached is None else self._find_infinite(self._cached[1])
-            return f"{text} at its start. {infinite or 'The residual is too large.'}{_SMALLER}"
-        hint = self._diagnose()
-        if self._failure and not hint:
-            text += f" The last step had to be shortened: {self._failure}"
-        return text + (hint or _SMALLER)
-
-    def _explain_error(self, error: RuntimeError) -> str:
-        if isinstance(error, ConvergenceError):
-            reason = str(error)
-        elif isinstance(error, PETSc.Error):
-            reason = f"PETSc: {str(error).splitlines()[0]}.{_SMALLER}"
-        else:
-            reason = f"{error}{_SMALLER}"
-        text = f"The solve failed in Newton iteration {len(self.history)}."
-        return text + (self._diagnose() or f" {reason}")
-
-    def _diagnose(self) -> str:
-        """What may be behind a failure. Collective."""
-        lost = any(h["active"] == 0 for h in self.history[-5:])
-        hint = self._coupling.diagnose() if lost else ""
-        if not hint and self._cached is not None:
-            hint = self._coupling.find_blocked()
-            hint = hint and f" {hint}"
-        if not hint and not self._started:
-            hint = self._coupling.start_overlap
-        return hint
-
     def _resultants(self, contact: Contact):
         return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))
-
-
-def _cause(error: BaseException) -> BaseException:
-    """What a function has raised that PETSc called, else the error itself."""
-    while isinstance(error, PETSc.Error) and error.__cause__ is not None:
-        error = error.__cause__
-    return error
 
 
 def _weak(method: Callable) -> Callable:
