@@ -130,10 +130,14 @@ def wave(x, y):
     return 1 + 0.15 * np.cos(2 * x - 0.3) * np.sin(2.5 * y + 0.4)
 
 
-def curved_blocks(slave: str, master: str, dirichlet, *, comm=MPI.COMM_WORLD, **more):
+def curved_blocks(
+    slave: str, master: str, dirichlet, *, comm=MPI.COMM_WORLD, isoparametric=False, **more
+):
     """Two blocks with a curved interface, each with its own faceted version of it."""
     parts = [
         block("upper", slave, (0, 0, 1), (1, 1, 2), (3, 4, 2), bottom=wave),
         block("lower", master, (0, 0, 0), (1, 1, 1), (2, 3, 2), top=wave),
     ]
+    for part in parts:
+        part.isoparametric = isoparametric
     return assemble(parts, [tie(0, 1)], dirichlet, comm=comm, **more)

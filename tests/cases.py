@@ -101,6 +101,7 @@ class Part:
         points: Vertex coordinates, shape (vertices, 3).
         cells: Vertices of straight-sided cells in DOLFINx order, shape (cells, 4 or 8).
         tag: Facet tags from facet midpoints, shape (facets, 3) to (facets,); 0 means none.
+        isoparametric: The geometry has the displacement's nodes, in the middle of straight edges.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Part:
     points: np.ndarray
     cells: np.ndarray
     tag: Callable[[np.ndarray], np.ndarray]
+    isoparametric: bool = False
 
 
 @dataclass
@@ -306,6 +308,22 @@ def _space(mesh: dmesh.Mesh, element: str) -> fem.FunctionSpace:
     return fem.functionspace(mesh, ("Lagrange", degree, (3,)))
 
 
+def _raised(mesh: dmesh.Mesh, element: str) -> dmesh.Mesh:
+    """A mesh with geometry nodes where a displacement's element has nodes."""
+    V = _space(mesh, element)
+    cell = mesh.topology.cell_name()
+    coordinates = (
+        hex20(shape=(3,))
+        if element == "hex20"
+        else basix.ufl.element("Lagrange", cell, V.ufl_element().degree, shape=(3,))
+    )
+    owned = mesh.topology.index_map(3).size_local
+    dofs = V.dofmap.list[:owned]
+    nodes = V.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(dofs.shape)
+    x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+    return compat.create_mesh(mesh.comm, nodes.astype(np.int64), coordinates, x)
+
+
 def _body(comm: MPI.Comm, parts: Sequence[Part], numbers: Sequence[int]) -> Body:
     element = parts[0].element
     offsets = np.cumsum([0, *(len(p.points) for p in parts)])
@@ -319,7 +337,15 @@ def _body(comm: MPI.Comm, parts: Sequence[Part], numbers: Sequence[int]) -> Body
     cell_type = "tetrahedron" if element.startswith("tet") else "hexahedron"
     coordinates = basix.ufl.element("Lagrange", cell_type, 1, shape=(3,))
     mesh = compat.create_mesh(comm, cells.astype(np.int64), coordinates, points)
-    cell_tags = compat.tags_from_vertices(mesh, 3, cells.astype(np.int64), labels.astype(np.int32))
+    if parts[0].isoparametric:
+        assert len(parts) == 1, "tags of cells are found by the vertices of the first mesh"
+        mesh = _raised(mesh, element)
+        local = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
+        cell_tags = dmesh.meshtags(mesh, 3, local, np.full(len(local), numbers[0] + 1, np.int32))
+    else:
+        cell_tags = compat.tags_from_vertices(
+            mesh, 3, cells.astype(np.int64), labels.astype(np.int32)
+        )
 
     topology = mesh.topology
     topology.create_entities(2)

@@ -47,6 +47,7 @@ class Pairing:
         normals: np.ndarray | None = None,
         z: np.ndarray | None = None,
         derivatives: cpp.Derivatives = cpp.Derivatives.none,
+        positive: np.ndarray | None = None,
     ) -> dict:
         """Mortar integrals of the slave facet by the library; columns of M as in `master.x`."""
         n = len(self.slave.x)
@@ -68,6 +69,7 @@ class Pairing:
             INTEGRATION[integration],
             degree,
             derivatives,
+            positive,
         )
         if result["covered"]:
             M = np.zeros((n, len(self.master.x)))

@@ -100,6 +100,33 @@ def test_covered_parts_can_have_negative_integrals(kind, strip):
     assert s["M"].sum(axis=0) == pytest.approx(r["M"].sum(axis=0), abs=1e-13)
 
 
+@kinds
+def test_positive_functions_are_nowhere_negative(kind):
+    n = len(oracle.REFERENCE_NODES[kind])
+    T = cpp.transformation(SPACE["dual"], TYPE[kind], np.ones(n, np.int8))
+    xi, _ = oracle.facet_rule(kind, 30)
+    values = oracle.shape_functions(kind, xi)[0] @ T
+    assert values.min() > -1e-14
+    assert np.abs(values.sum(axis=1) - 1).max() < 1e-14
+
+
+@pairings
+@integrations
+def test_positive_functions_on_partly_covered_facets(pairing, integration):
+    """Their integrals are positive whatever is covered; the rest of what dual functions are holds."""
+    n = len(oracle.REFERENCE_NODES[pairing[0]])
+    for seed in range(4):
+        p = random_pairing(*pairing, seed, covered=False)
+        r = p.integrate("dual", integration, positive=np.ones(n, np.int8))
+        if not r["covered"]:
+            continue
+        area = r["area"]
+        assert r["coverage"].min() > 0
+        assert r["coverage"].sum() == pytest.approx(area, rel=1e-13)
+        assert np.abs(r["D_tilde"] - np.diag(r["coverage"])).max() < 1e-13 * area
+        assert np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() < 1e-13 * area
+
+
 @pairings
 @multipliers
 @integrations
