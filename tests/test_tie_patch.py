@@ -221,6 +221,33 @@ def test_several_interfaces(element, multiplier):
     assert relative_error(case, u) < 1e-9
 
 
+@pytest.mark.parametrize("element", ["hex20", pytest.param("tet10", marks=serial)])
+def test_interfaces_agree_on_the_basis_where_they_meet(element):
+    """Of two interfaces with common slave nodes one is covered in part: B T is what was integrated."""
+    parts = [
+        blocks.block("upper", element, (0, 0, 1), (2, 1, 2), (4, 2, 1)),
+        blocks.block("lower", element, (0, 0, 0), (2, 1, 1), (3, 2, 1)),
+        blocks.block("beside", element, (2, 0, 1.3), (3, 0.7, 2), (2, 2, 2)),
+    ]
+    clamped = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
+    case = blocks.assemble(
+        parts, [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")], clamped
+    )
+    s = cases.make_problem(case)
+    positive = [i._data.positive[: i.num_owned] for i in s.interfaces]
+    found = [MPI.COMM_WORLD.allreduce(int(p.sum())) for p in positive]
+    assert found[1] > found[0] > 0  # the covered one has some, on the common line
+    coupling = s.problem._coupling
+    B, B_tilde = coupling.B_ties
+    difference = B.matMult(coupling.multipliers.T)
+    difference.axpy(-1.0, B_tilde)
+    assert difference.norm() < 1e-14 * B.norm()
+    with pytest.raises(ValueError, match="share slave nodes"):
+        mixed = cases.make_interfaces(case)[:1]
+        mixed += cases.make_interfaces(case, multiplier="dual-linear")[1:]
+        dm.ContactProblem(cases.residuals(case, s.u), s.u, interfaces=mixed)
+
+
 @multipliers
 @pytest.mark.parametrize(
     "kinds", [("quad8", "tri6"), *(pytest.param(p, marks=serial) for p in PAIRINGS[7:25:15])]

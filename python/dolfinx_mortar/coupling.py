@@ -30,7 +30,6 @@ _STATE = (
     "_law",
     "_gap_weighted",
     "_scale",
-    "_weights",
 )
 
 
@@ -102,9 +101,9 @@ class Coupling:
         if self._accepted is None:
             self._accepted = u_all.copy(), u.copy()
         self._release_matrices()
-        changed = [self.multipliers.choose(c, self._current(c, u_all)) for c in self.contacts]
-        if any(changed):
-            self.multipliers.update_transformation()
+        changed = [c for c in self.contacts if self.multipliers.choose(c, self._current(c, u_all))]
+        changed += self.multipliers.share_positive(self.interfaces)
+        self._change_basis(changed)
         for c in self.contacts:
             c._drop_uncovered(c._nodal)
             if not hasattr(c, "_total_slip"):
@@ -178,33 +177,38 @@ class Coupling:
             self.begin(u_all, u)
             self.evaluate(u_all, u, z, None)
 
+    def _change_basis(self, changed: Sequence[Interface]) -> None:
+        """Form what depends on the basis of some interfaces anew. Collective."""
+        if changed:
+            self.multipliers.update_transformation()
+        if any(i in self.ties for i in changed):
+            sparse.destroy(*self.B_ties)
+            self.B_ties = self.multipliers.assemble(self.ties)
+
     def state(self):
         """What :meth:`restore` brings back."""
         # None of these is changed in place
         contacts = [
-            (
-                c,
-                {k: getattr(c, k) for k in _STATE if hasattr(c, k)},
-                c._data.carries,
-                c._data.positive,
-            )
+            (c, {k: getattr(c, k) for k in _STATE if hasattr(c, k)}, c._data.carries)
             for c in self.contacts
         ]
-        return self._accepted, contacts
+        return self._accepted, contacts, [i._data.positive for i in self.interfaces]
 
     def restore(self, state) -> None:
         """Go back to an earlier state. Collective."""
         # Part of a step may have been accepted before the rest of it failed
-        self._accepted, contacts = state
-        changed = False
-        for c, values, carries, positive in contacts:
+        self._accepted, contacts, basis = state
+        changed = []
+        for i, positive in zip(self.interfaces, basis):
+            differs = bool(np.any(positive != i._data.positive))
+            if self.comm.allreduce(differs, op=MPI.LOR):
+                i._set_positive(positive)
+                changed.append(i)
+        self._change_basis(changed)
+        for c, values, carries in contacts:
             for name, value in values.items():
                 setattr(c, name, value)
             c._data.carries = carries
-            changed = changed or bool(np.any(positive != c._data.positive))
-            c._data.positive = positive
-        if self.comm.allreduce(changed, op=MPI.LOR):
-            self.multipliers.update_transformation()
 
     def _release_matrices(self) -> None:
         """Forget matrices of earlier states."""

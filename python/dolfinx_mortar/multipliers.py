@@ -132,6 +132,9 @@ class Multipliers:
         )
         #: True where a node is slave here and master there
         self._chained = self.comm.allreduce(chained, op=MPI.LOR)
+        #: True where a node is slave of several interfaces
+        self._shared = self.comm.allreduce(bool(np.any(uses > 1)), op=MPI.LOR)
+        self._check_spaces(uses > 1)
         flags = np.concatenate(prescribed).reshape(-1, 3)
         for i in self.interfaces:
             s = i._surface_slave
@@ -151,6 +154,49 @@ class Multipliers:
             i._create_data(numbers, carries, fixed)
         for c in self.contacts:
             c._check_candidates()
+
+    def _check_spaces(self, shared: npt.NDArray[np.bool_]) -> None:
+        """Refuse different transformations of the same nodes. Collective.
+
+        Raises:
+            ValueError: Interfaces with different multiplier spaces share slave nodes.
+        """
+        touching = {
+            i.multiplier_space
+            for i in self.interfaces
+            if np.any(shared[i._surface_slave.local_blocks[: i.num_owned]])
+        }
+        touching = set().union(*self.comm.allgather(touching))
+        if len(touching) > 1:
+            raise ValueError(
+                "Interfaces that share slave nodes must have the same multiplier space, not "
+                f"{' and '.join(sorted(touching))}."
+            )
+
+    def share_positive(self, interfaces: Sequence[Interface]) -> list[Interface]:
+        """Let interfaces agree on the basis at slave nodes they share. Collective.
+
+        Args:
+            interfaces: Interfaces, all of which have a configuration.
+
+        Returns:
+            Interfaces whose basis has changed.
+        """
+        if not self._shared:
+            return []
+        flags = np.zeros(sum(self.layout.num_local), dtype=np.int8)
+        for i in interfaces:
+            flags[i._surface_slave.local_blocks[: i.num_owned]] |= i._data.positive[: i.num_owned]
+        changed = []
+        for i in interfaces:
+            positive = np.zeros(i.num_nodes, dtype=np.int8)
+            positive[: i.num_owned] = flags[i._surface_slave.local_blocks[: i.num_owned]]
+            cpp.scatter_forward(i._surface_slave, positive)
+            if self.comm.allreduce(bool(np.any(positive != i._data.positive)), op=MPI.LOR):
+                i._set_positive(positive)
+                i._nodal = cpp.integrate(i._data, i._configuration)
+                changed.append(i)
+        return changed
 
     def _corner_flags(self, interface: Interface) -> npt.NDArray[np.int8]:
         """Flags of local slave nodes that the multiplier space has a function at."""
@@ -272,6 +318,8 @@ class Multipliers:
             return None
         for tie in self.ties:
             self.choose(tie, None)
+        self.share_positive(self.ties)
+        for tie in self.ties:
             tie._check_orphans(tie._nodal)
             tie._check_met(tie._nodal)
             tie._drop_uncovered(tie._nodal)
