@@ -36,8 +36,8 @@ import numpy as np
 KINDS = ("tri3", "tri6", "quad4", "quad8", "quad9")
 MULTIPLIERS = ("dual", "dual-linear", "standard")
 
-# The same for tri6 and quad8, so that surfaces with both stay continuous.
-ALPHA = 1 / 5
+# They put the centroid of a corner's transformed function on its node.
+ALPHA = {"tri6": 1 / 12, "quad8": 1 / 5}
 
 _TRIANGLE = [(0, 0), (1, 0), (0, 1)]
 _SQUARE = [(0, 0), (1, 0), (0, 1), (1, 1)]
@@ -150,8 +150,8 @@ def transformation(kind: str, multiplier: str) -> np.ndarray:
     """
     T = np.eye(len(REFERENCE_NODES[kind]))
     corners = num_corners(kind)
-    if multiplier == "dual" and kind in ("tri6", "quad8"):
-        share, own = ALPHA, 1 - 2 * ALPHA
+    if multiplier == "dual" and kind in ALPHA:
+        share, own = ALPHA[kind], 1 - 2 * ALPHA[kind]
     elif multiplier == "dual-linear" and kind in ("tri6", "quad8", "quad9"):
         share, own = 1 / 2, 1.0
     else:

@@ -75,7 +75,7 @@ def test_integrals_of_transformed_functions(pairing, multiplier, integration):
 def test_covered_parts_can_have_negative_integrals(kind, strip):
     """Of "dual" on tri6 and quad8: N~ of a corner is negative near the opposite edge.
 
-    On tri6 it is L (1.2 L - 0.2) with the corner's coordinate L, on quad8
+    On tri6 it is L (5 L - 2) / 3 with the corner's coordinate L, on quad8
     (1 - x) (1 - y) (1 - 1.2 (x + y)) for the corner at the origin. So a node of which too small a
     share is covered must not carry a multiplier. Its function goes to the other nodes, and nothing
     else changes: D~ stays diagonal with the same entries, and constants stay reproduced.

@@ -107,15 +107,27 @@ def test_corner_functions_need_the_transformation():
 
 def test_inverse_transformation():
     """Equation 4.6, and the hierarchical basis of section 4.4.2."""
-    inverse = np.linalg.inv(oracle.transformation("tri6", "dual"))
-    expected = np.eye(6)
-    for e, pair in enumerate(oracle.edges("tri6")):
-        expected[3 + e, 3 + e] = 1 / 0.6
-        expected[3 + e, list(pair)] = -0.2 / 0.6
-    assert np.allclose(inverse, expected, atol=1e-15)
+    for kind, alpha in oracle.ALPHA.items():
+        inverse = np.linalg.inv(oracle.transformation(kind, "dual"))
+        corners = oracle.num_corners(kind)
+        expected = np.eye(len(inverse))
+        for e, pair in enumerate(oracle.edges(kind)):
+            expected[corners + e, corners + e] = 1 / (1 - 2 * alpha)
+            expected[corners + e, list(pair)] = -alpha / (1 - 2 * alpha)
+        assert np.allclose(inverse, expected, atol=1e-15)
     for kind in ("tri6", "quad8", "quad9"):
         T = oracle.transformation(kind, "dual-linear")
         assert np.allclose(np.linalg.inv(T), 2 * np.eye(len(T)) - T, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", oracle.ALPHA)
+def test_centroids_of_corner_functions_are_on_their_nodes(kind):
+    """What decides on alpha: linear tractions are then reproduced by the corners."""
+    xi, w = oracle.facet_rule(kind, 6)
+    values = oracle.shape_functions(kind, xi)[0] @ oracle.transformation(kind, "dual")
+    for c in range(oracle.num_corners(kind)):
+        centroid = (w * values[:, c]) @ xi / (w @ values[:, c])
+        assert np.allclose(centroid, oracle.REFERENCE_NODES[kind][c], atol=1e-14)
 
 
 @pytest.mark.parametrize("points", [1, 3, 7])

@@ -20,12 +20,19 @@ EdgeShare edge_share(MultiplierSpace space, FacetType type, bool positive)
     return {0, 1};
   else if (space == MultiplierSpace::dual)
   {
-    // One value for tri6 and quad8 keeps mixed surfaces continuous
+    // Tetrahedra and hexahedra share no nodes, so each type has its own value
     double alpha = 0;
-    if (type == FacetType::quad9)
-      alpha = positive ? 0.25 : 0;
-    else
-      alpha = positive ? 0.375 : 0.2;
+    switch (type)
+    {
+    case FacetType::tri6:
+      alpha = positive ? 3.0 / 8 : 1.0 / 12;
+      break;
+    case FacetType::quad8:
+      alpha = positive ? 3.0 / 8 : 1.0 / 5;
+      break;
+    default:
+      alpha = positive ? 1.0 / 4 : 0;
+    }
     return {alpha, 1 - 2 * alpha};
   }
   else if (space == MultiplierSpace::standard and type == FacetType::quad9)

@@ -10,11 +10,10 @@ namespace dolfinx_mortar
 {
 /// @brief Spaces of Lagrange multipliers λ_h = Σ Φ_j z_j.
 ///
-/// | space       | nodes that carry z                              | Φ |
-/// |-------------|-------------------------------------------------|-----------------------------------|
-/// | standard    | all of tri3, quad4, quad9; corners of tri6, quad8 | N;
-/// linear on tri6, quad8          | | dual        | all | dual to Ñ, α = 1/5 on
-/// tri6, quad8 | | dual_linear | corners | dual to the corner functions      |
+/// - standard: Φ = N at all nodes of tri3, quad4 and quad9, (bi)linear
+///   functions at the corners of tri6 and quad8;
+/// - dual: at all nodes, dual to the transformed functions Ñ;
+/// - dual_linear: at the corners, dual to the (bi)linear corner functions.
 enum class MultiplierSpace : std::int8_t
 {
   standard,
