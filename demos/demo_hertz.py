@@ -583,7 +583,7 @@ def show(u, contact, p, options):
         "p",
         title=f"Deformed hemisphere, p = {p:g}",
         view=(-1.2, -1.6, -0.7),
-        zoom=0.95,
+        zoom=0.8,
         **look,
     )
     picture(
@@ -722,7 +722,7 @@ def plot_largest(plt, out):
 
 def plot_newton(plt, out, finest):
     """Residual of each Newton iteration on the finest meshes: forces, and contact conditions."""
-    fig, axes = plt.subplots(1, 2, figsize=(12.8, 4.8))
+    fig, axes = plt.subplots(1, 2, figsize=(12.8, 5.4), layout="constrained")
     for axis, key in zip(axes, ("residuals", "constraints")):
         for (element, material, p), r in finest.items():
             values = np.array(r[key], dtype=float)
@@ -741,8 +741,9 @@ def plot_newton(plt, out, finest):
         axis.grid(alpha=0.25)
     axes[0].set(title="residual force / forces at work")
     axes[1].set(title="contact conditions / largest pressure")
-    axes[0].legend(fontsize=7)
-    fig.tight_layout()
+    fig.legend(
+        *axes[0].get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=5
+    )
     fig.savefig(out / "newton.png", dpi=150)
     plt.close(fig)
 
