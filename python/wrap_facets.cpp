@@ -197,7 +197,8 @@ void wrap_facets(nb::module_& m)
         std::vector<std::int32_t> masters(types.size());
         for (std::size_t i = 0; i < masters.size(); ++i)
           masters[i] = i;
-        FacetIntegrator integrator({space, integration, degree});
+        FacetIntegrator integrator(
+            {.space = space, .integration = integration, .degree = degree});
         const FacetIntegrals& r = integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
             span(carries),
