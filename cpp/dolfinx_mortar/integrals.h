@@ -113,10 +113,7 @@ public:
           Derivatives derivatives);
 
 private:
-  /// Rule for a pair, made once
-  const QuadratureRule& rule(FacetType slave, FacetType master);
-
-  /// Shape functions at the points of a pair, one row for each point
+  /// Shape functions and fields at the points of a pair, one row for each point
   struct PairShapes
   {
     RowMatrix N, Nt; // slave functions N and Ñ
@@ -129,15 +126,89 @@ private:
     RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
   };
 
-  void tabulate_pair(const FacetView& slave, const FacetView& master,
-                     std::span<const double> normals, const FacetMatrix& T,
-                     bool derivatives, const PairPoints& points,
-                     PairShapes& shapes) const;
+  /// The slave facet at hand: what the parts of `compute` share
+  struct Facet
+  {
+    FacetView slave = {};
+    std::span<const double> normals; // of its nodes
+    bool dual = false;               // Φ biorthogonal to Ñ
+    int n = 0, nl = 0, m = 0; // its nodes, those with a Φ, nodes of masters
+    FacetMatrix T, T_inv;     // basis transformation
+
+    std::vector<FacetView> masters;        // all candidates
+    std::vector<int> pairs;                // candidates that have points
+    std::vector<std::vector<int>> columns; // of M, for the nodes of each
+
+    RowMatrix S;          // ∫ Ñ_j Ñ_k, shape (nl, n), its first columns are M_e
+    RowMatrix Sm;         // ∫ Ñ_j N_l∘P, shape (nl, m)
+    RowMatrix b;          // ∫ Ñ_j (gap, offset), shape (nl, 4)
+    Eigen::VectorXd mass; // diagonal of D_e, shape (nl)
+    ScaledCholesky chol;  // of M_e, dual spaces only
+    RowMatrix X; // shares of nodes with multiplier in the Φ, shape (nl, n)
+
+    /// @brief From integrals with Ñ to integrals with Φ: multiply by A_e (dual
+    /// functions, equations 4.7 and 4.15) or do nothing (standard, Φ = Ñ).
+    void apply_coefficients(RowMatrix& B) const;
+  };
+
+  /// Derivatives of the integrals of one facet, see integral_derivatives.cpp
+  class Linearisation;
+
+  /// @brief Rule for a pair, made once.
+  const QuadratureRule& rule(FacetType slave, FacetType master);
+
+  /// @brief Forget the last facet.
+  void start(const FacetView& slave, std::span<const double> normals);
+
+  /// @brief Report the facet as one that no master covers.
+  void leave_out();
+
+  /// @brief Quadrature points of all pairs (γ_c, where the integrals of
+  /// equations 3.5 to 3.7 are taken).
+  void sample(const FacetList& list, std::span<const std::int32_t> masters,
+              bool derivatives);
+
+  /// @brief Number the different nodes of the masters that have points: the
+  /// columns of M.
+  void number_masters(const FacetList& list,
+                      std::span<const std::int32_t> masters);
+
+  /// @brief N, Ñᵀ = Nᵀ T (equations 4.5, 4.13) and the master's N at the points
+  /// of a pair.
+  void tabulate_shapes(FacetType master, const PairPoints& points,
+                       bool derivatives, PairShapes& shapes) const;
+
+  /// @brief Normal n = Σ N_k n_k / |Σ N_k n_k|, relative position r = x⁽¹⁾ -
+  /// x⁽²⁾∘P and gap -n·r at the points of a pair; after tabulate_shapes.
+  void tabulate_fields(const FacetView& master, bool derivatives,
+                       PairShapes& shapes) const;
+
+  /// @brief Integrals of products with Ñ: the right-hand sides of equations
+  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), and ∫ Ñ_k.
+  /// @return Smallest gap of all points.
+  double integrate_products(bool derivatives);
+
+  /// @brief True where masters are too far away to matter.
+  bool distant(double nearest) const;
+
+  /// @brief Coefficients A_e = D_e M_e⁻¹ of the dual functions (equations 4.7,
+  /// 4.15), as D_e and the factors of M_e.
+  /// @return False where M_e is singular.
+  bool factorise();
+
+  /// @brief D̃ and D = D̃ T⁻¹ (equations 3.5, 4.12), M (3.6), weighted gap
+  /// (3.7) and offset.
+  void weigh(std::span<const std::int8_t> carries);
+
+  /// @brief Derivatives of Bᵀz (equation 3.4, z fixed), weighted gap and
+  /// offset; after all others.
+  void differentiate(std::span<const double> z, Derivatives derivatives);
 
   IntegrationOptions _options;
   std::map<std::array<int, 3>, QuadratureRule> _rules;
   std::vector<PairPoints> _points;
   std::vector<PairShapes> _shapes;
+  Facet _facet;
   FacetIntegrals _result;
 };
 } // namespace dolfinx_mortar
