@@ -9,6 +9,8 @@ none of this.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from mpi4py import MPI
 
 import basix
@@ -46,11 +48,11 @@ def find_overlap(contact: Contact, layout: Layout, u_all: npt.NDArray[np.float64
     x_slave, x_master = (
         cpp.current_positions(s, u_all) for s in (contact._surface_slave, contact._surface_master)
     )
-    corners, normal, size = _outlines(contact._surface_slave, x_slave)
+    slave = _outlines(contact._surface_slave, x_slave)
     of_slave = _bodies_of_facets(contact._surface_slave, body)
     of_master = _bodies_of_facets(contact._surface_master, body)
     masters = np.unique(np.concatenate(comm.allgather(np.unique(of_master))))
-    middle = np.array([c.mean(axis=0) for c in corners]).reshape(-1, 3)
+    middle, normal, size = slave.middle, slave.normal, slave.size
     inside = np.zeros(len(middle), dtype=bool)
     for m in masters:
         low, high = boxes[m]
@@ -58,7 +60,7 @@ def find_overlap(contact: Contact, layout: Layout, u_all: npt.NDArray[np.float64
     inside &= contact._nodal["facet_area"] == 0.0
     if comm.allreduce(int(inside.sum())) == 0:
         return ""
-    triangles = _triangles(*_outlines(contact._surface_master, x_master), of_master)
+    triangles = _outlines(contact._surface_master, x_master).triangles(of_master)
     triangles = [np.concatenate(t) for t in zip(*comm.allgather(triangles))]
     depths = [
         (_depth(middle[f], normal[f], size[f], of_slave[f], boxes, *triangles), tuple(middle[f]))
@@ -180,27 +182,43 @@ def _bodies_of_facets(surface: cpp.Surface, body) -> npt.NDArray[np.int64]:
     return body[surface.local_blocks[surface.nodes[surface.offsets[:-1]]]]
 
 
-def _outlines(surface: cpp.Surface, x) -> tuple[list, npt.NDArray, npt.NDArray]:
-    """Corners (3 or 4) of each facet of this rank, outward normals and diameters."""
-    corners = []
-    for begin, end in zip(surface.offsets[:-1], surface.offsets[1:]):
-        count = 3 if end - begin in (3, 6) else 4
-        corners.append(x[surface.nodes[begin : begin + count]])
-    diagonals = [
-        (c[1] - c[0], c[2] - c[0]) if len(c) == 3 else (c[1] - c[2], c[3] - c[0]) for c in corners
-    ]
-    n = np.array([np.cross(a, b) for a, b in diagonals]).reshape(-1, 3)
+class _Outlines(NamedTuple):
+    """Facets of this rank as flat polygons.
+
+    Attributes:
+        corners: Shape (n, 4, 3); a triangle's last corner is there twice.
+        triangle: Flags of triangles.
+        middle: Means of the corners, shape (n, 3).
+        normal: Outward normals, shape (n, 3).
+        size: Largest extents in a coordinate direction.
+    """
+
+    corners: npt.NDArray[np.float64]
+    triangle: npt.NDArray[np.bool_]
+    middle: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float64]
+    size: npt.NDArray[np.float64]
+
+    def triangles(self, body: npt.NDArray[np.int64]) -> tuple:
+        """Corners, normals, sizes and bodies of the triangles that facets are split in."""
+        quadrilaterals = np.flatnonzero(~self.triangle)
+        points = [self.corners[:, :3], self.corners[quadrilaterals][:, [1, 3, 2]]]
+        facet = np.concatenate([np.arange(len(self.corners)), quadrilaterals])
+        return np.concatenate(points), self.normal[facet], self.size[facet], body[facet]
+
+
+def _outlines(surface: cpp.Surface, x: npt.NDArray[np.float64]) -> _Outlines:
+    begin = surface.offsets[:-1]
+    triangle = np.isin(np.diff(surface.offsets), (3, 6))
+    c = x[surface.nodes[begin[:, None] + np.where(triangle[:, None], [0, 1, 2, 2], [0, 1, 2, 3])]]
+    flags = triangle[:, None]
+    n = np.cross(
+        np.where(flags, c[:, 1] - c[:, 0], c[:, 1] - c[:, 2]),
+        np.where(flags, c[:, 2] - c[:, 0], c[:, 3] - c[:, 0]),
+    )
     n *= surface.orientation[:, None] / np.linalg.norm(n, axis=1)[:, None]
-    size = np.array([np.ptp(c, axis=0).max() for c in corners])
-    return corners, n, size
-
-
-def _triangles(corners, normal, size, body) -> tuple:
-    """Corners, normals, sizes and bodies of the triangles that facets are split in."""
-    parts = [((0, 1, 2),) if len(c) == 3 else ((0, 1, 2), (1, 3, 2)) for c in corners]
-    facet = np.repeat(np.arange(len(corners)), [len(p) for p in parts])
-    points = [c[list(t)] for c, p in zip(corners, parts) for t in p]
-    return np.array(points).reshape(-1, 3, 3), normal[facet], size[facet], body[facet]
+    middle = np.where(flags, c[:, :3].mean(axis=1), c.mean(axis=1))
+    return _Outlines(c, triangle, middle, n, np.ptp(c, axis=1).max(axis=1))
 
 
 def _depth(x, n, size, own, boxes, points, normals, sizes, bodies) -> float:
