@@ -516,9 +516,7 @@ class Solvable:
         return self.problem.solve()
 
 
-def make_problem(
-    case: Case, forms=None, condense=None, petsc_options=None, **options
-) -> Solvable:
+def make_problem(case: Case, forms=None, condense=None, petsc_options=None, **options) -> Solvable:
     """The `dolfinx_mortar.ContactProblem` of a case.
 
     Args:

@@ -5,7 +5,6 @@
 from mpi4py import MPI
 
 import cases
-import dolfinx_mortar as dm
 import numpy as np
 import pytest
 
@@ -18,9 +17,7 @@ def run(case, times, condense=None, rtol=1e-11, **options):
     Returns:
         Displacements, contact, problem, and the history of each step.
     """
-    s = cases.make_problem(
-        case, condense=condense, petsc_options={"snes_rtol": rtol}, **options
-    )
+    s = cases.make_problem(case, condense=condense, petsc_options={"snes_rtol": rtol}, **options)
     histories = []
     for t in times:
         s.step(t)

@@ -5,7 +5,6 @@ pressure, to round-off."""
 
 import blocks
 import cases
-import dolfinx_mortar as dm
 import numpy as np
 import oracle
 import pytest

@@ -5,7 +5,6 @@ it is a tied interface, at any non-matching pairing, condensed or not, on any nu
 
 import blocks
 import cases
-import dolfinx_mortar as dm
 import numpy as np
 import pytest
 

@@ -113,7 +113,7 @@ def test_positive_functions_are_nowhere_negative(kind):
 @pairings
 @integrations
 def test_positive_functions_on_partly_covered_facets(pairing, integration):
-    """Their integrals are positive whatever is covered; the rest of what dual functions are holds."""
+    """Their integrals are positive whatever is covered, and dual functions remain what they are."""
     n = len(oracle.REFERENCE_NODES[pairing[0]])
     for seed in range(4):
         p = random_pairing(*pairing, seed, covered=False)

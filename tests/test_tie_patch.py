@@ -223,16 +223,14 @@ def test_several_interfaces(element, multiplier):
 
 @pytest.mark.parametrize("element", ["hex20", pytest.param("tet10", marks=serial)])
 def test_interfaces_agree_on_the_basis_where_they_meet(element):
-    """Of two interfaces with common slave nodes one is covered in part: B T is what was integrated."""
+    """One of two interfaces with common nodes is covered in part: B T is what was integrated."""
     parts = [
         blocks.block("upper", element, (0, 0, 1), (2, 1, 2), (4, 2, 1)),
         blocks.block("lower", element, (0, 0, 0), (2, 1, 1), (3, 2, 1)),
         blocks.block("beside", element, (2, 0, 1.3), (3, 0.7, 2), (2, 2, 2)),
     ]
     clamped = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
-    case = blocks.assemble(
-        parts, [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")], clamped
-    )
+    case = blocks.assemble(parts, [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")], clamped)
     s = cases.make_problem(case)
     positive = [i._data.positive[: i.num_owned] for i in s.interfaces]
     found = [MPI.COMM_WORLD.allreduce(int(p.sum())) for p in positive]

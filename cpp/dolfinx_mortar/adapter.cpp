@@ -4,9 +4,9 @@
 #include "adapter.h"
 #include "compat.h"
 #include "error.h"
+#include <Eigen/Dense>
 #include <algorithm>
 #include <array>
-#include <Eigen/Dense>
 #include <basix/cell.h>
 #include <basix/finite-element.h>
 #include <cmath>

@@ -13,9 +13,9 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-/// Share of its area from which on a facet counts as covered. Segments on curved
-/// facets leave seams of some per mille; 0.9 and 0.995 give the same iterations
-/// in the demo of sliding shells.
+/// Share of its area from which on a facet counts as covered. Segments on
+/// curved facets leave seams of some per mille; 0.9 and 0.995 give the same
+/// iterations in the demo of sliding shells.
 constexpr double whole = 0.97;
 
 void check(PetscErrorCode code, const char* what)

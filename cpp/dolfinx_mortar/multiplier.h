@@ -27,9 +27,9 @@ constexpr bool is_dual(MultiplierSpace space)
 /// @brief Basis transformation of a facet, Ñᵀ = Nᵀ T (equations 4.5, 4.13).
 ///
 /// - dual: Ñ_c = N_c + Σ_{e∋c} α_e N_e, Ñ_e = (1 - 2 α_e) N_e, with α = 1/12 on
-///   tri6, 1/5 on quad8 and T = I elsewhere. Any α above 0 (tri6) or 1/8 (quad8)
-///   makes ∫ Ñ_c positive; these put the centroid of Ñ_c on its node, so that
-///   corners reproduce linear tractions;
+///   tri6, 1/5 on quad8 and T = I elsewhere. Any α above 0 (tri6) or 1/8
+///   (quad8) makes ∫ Ñ_c positive; these put the centroid of Ñ_c on its node,
+///   so that corners reproduce linear tractions;
 /// - dual-linear, and standard on tri6 and quad8: Ñ_c = N_c + ½ Σ_{e∋c} N_e
 ///   (+ ¼ N_centre), Ñ_e = N_e.
 ///

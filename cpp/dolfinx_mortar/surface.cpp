@@ -82,7 +82,8 @@ std::string no_area_message(FacetType type, std::span<const std::int32_t> nodes,
   Vector midpoint = Vector::Zero();
   for (int l = 0; l < n; ++l)
     midpoint += row(x, nodes[l]) / n;
-  return "The facet of the " + name + " with midpoint " + to_string(std::span<const double, 3>(midpoint.data(), 3))
+  return "The facet of the " + name + " with midpoint "
+         + to_string(std::span<const double, 3>(midpoint.data(), 3))
          + " has no area at its node "
          + to_string(x.subspan(3 * nodes[k]).first<3>())
          + ": look for collapsed cells in the mesh, or for a step that "
@@ -468,10 +469,12 @@ void dolfinx_mortar::normal_derivative(const Surface& s,
     auto [t0, t1] = tangents(nodes, x, dN[k]);
     const Vector c = t0.cross(t1);
     const double length = c.norm();
-    const Vector m = s.orientation[f] * c / length, n = row(normals.n, nodes[k]);
+    const Vector m = s.orientation[f] * c / length,
+                 n = row(normals.n, nodes[k]);
     const Vector keep = dropped(fixed, normals.n, nodes[k]);
     const double scale = s.orientation[f] / (length * normals.length[nodes[k]]);
-    const Eigen::Matrix3d I = Eigen::Matrix3d::Identity(), P = keep.asDiagonal();
+    const Eigen::Matrix3d I = Eigen::Matrix3d::Identity(),
+                          P = keep.asDiagonal();
     const Eigen::Matrix3d Q
         = scale * (I - n * n.transpose()) * P * (I - m * m.transpose());
 

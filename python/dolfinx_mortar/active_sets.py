@@ -82,9 +82,7 @@ class ActiveSets:
             repeats = len(r) > 2 * period and all(
                 np.array_equal(r[-1 - k], r[-1 - k - period]) for k in range(period)
             )
-            moves = repeats and any(
-                not np.array_equal(r[-1 - k], r[-2 - k]) for k in range(period)
-            )
+            moves = repeats and any(not np.array_equal(r[-1 - k], r[-2 - k]) for k in range(period))
             # The states of all ranks together have the period
             if self.comm.allreduce(repeats, op=MPI.LAND) and self.comm.allreduce(moves, op=MPI.LOR):
                 return True

@@ -90,8 +90,8 @@ class LinearSolver:
         text = f"The linear solver failed ({names.get(reason, reason)}"
         if reason == reasons.DIVERGED_MAX_IT:
             return (
-                f"{text} after {self.ksp.getIterationNumber()} iterations): allow more (ksp_max_it), "
-                "or choose another preconditioner (pc_type)."
+                f"{text} after {self.ksp.getIterationNumber()} iterations): allow more "
+                "(ksp_max_it), or choose another preconditioner (pc_type)."
             )
         other = "" if self._reduced is None else ", or the preconditioner does not fit"
         return f"{text}): a body may not be held, check the Dirichlet conditions{other}."

@@ -397,8 +397,15 @@ class Coupling:
         return ""
 
     def resultants(self, contact: Contact, z: npt.NDArray, u: npt.NDArray):
-        """Forces and moments of a contact: (force on the slave, on the master, moment on the
-        slave, on the master), shapes (3,). Collective.
+        """Forces and moments of a contact. Collective.
+
+        Args:
+            contact: Contact.
+            z: Owned multipliers.
+            u: Owned displacements.
+
+        Returns:
+            Force on the slave, on the master, moment on the slave, on the master, shapes (3,).
         """
         c = contact
         D, M = self.multipliers.z_by_u(), self.multipliers.z_by_u()

@@ -32,8 +32,8 @@ _INTEGRATIONS = {
     "element": cpp.Integration.element,
 }
 
-#: Share of its weight that must be covered for a slave node to carry a multiplier. From 0.002 to 0.3
-#: the demo of sliding shells takes the same iterations.
+#: Share of its weight that must be covered for a slave node to carry a multiplier. The demo of
+#: sliding shells takes the same iterations with 0.002 and 0.3.
 COVERED = 0.02
 
 

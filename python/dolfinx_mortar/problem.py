@@ -31,6 +31,7 @@ from .linearisation import linearise
 from .multipliers import find_fixed_dofs
 from .petsc_options import PetscOptions
 
+
 def _list(x: Any) -> list:
     return list(x) if isinstance(x, list | tuple) else [x]
 

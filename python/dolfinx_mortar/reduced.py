@@ -22,9 +22,7 @@ class CondensedOperator:
         scale: Factors of the rows.
     """
 
-    def __init__(
-        self, s: NewtonSystem, N: PETSc.Mat, E: PETSc.Mat, scale: npt.NDArray[np.float64]
-    ):
+    def __init__(self, s: NewtonSystem, N: PETSc.Mat, E: PETSc.Mat, scale: npt.NDArray[np.float64]):
         self._s, self._N, self._E, self._scale = s, N, E, scale
         self._kept = np.ones(len(scale))
         self._kept[s.own] = 0.0
@@ -32,7 +30,7 @@ class CondensedOperator:
         self._c = s.C_u.createVecLeft()
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """y = A x, with unit rows at Dirichlet dofs."""
+        """Y = A x, with unit rows at Dirichlet dofs."""
         s = self._s
         s.K.mult(x, self._f)
         if s.K_c is not None:
@@ -71,9 +69,7 @@ class ReducedPreconditioner:
         self._modes = PETSc.NullSpace().createRigidBody(coordinates)
         self._W: PETSc.Mat | None = None
 
-    def prepare(
-        self, s: NewtonSystem, E: PETSc.Mat, row_scale: npt.NDArray[np.float64]
-    ) -> None:
+    def prepare(self, s: NewtonSystem, E: PETSc.Mat, row_scale: npt.NDArray[np.float64]) -> None:
         """Set up for a system. Collective.
 
         Args:

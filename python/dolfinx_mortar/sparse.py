@@ -31,7 +31,8 @@ def selection(
 
     Args:
         comm: Communicator.
-        rows, columns: Local sizes.
+        rows: Local number of rows.
+        columns: Local number of columns.
         i: Local rows of the entries, ascending, each once.
         j: Local columns of the entries.
         values: Entries; ones by default.
@@ -72,9 +73,7 @@ def product(A: PETSc.Mat, values: npt.NDArray[np.float64]) -> npt.NDArray[np.flo
     return result
 
 
-def product_transposed(
-    A: PETSc.Mat, values: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def product_transposed(A: PETSc.Mat, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Aᵀ times the vector with these values, this rank's part of both. Collective."""
     x, y = left(A, values), A.createVecRight()
     A.multTranspose(x, y)
