@@ -326,6 +326,7 @@ class Show:
                 label="u_z",
                 clim=(-0.12, 0.0),
                 view=VIEW,
+                zoom=0.88,
                 title=f"{self.title}, step {step}",
                 size=(900, 800),
             )
