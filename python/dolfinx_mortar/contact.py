@@ -115,7 +115,8 @@ class Contact(Interface):
         Args:
             z: Multipliers of the owned nodes [traction], any shape.
         """
-        # The round-off of positions, times the stiffness with which gaps count as tractions
+        # Times the default tolerance 1e-9 the floor is the round-off of positions, 1e-15, times
+        # the stiffness with which gaps count as tractions
         X = np.concatenate([self._surface_slave.X, self._surface_master.X])
         stiffness = self._c_n * self._weights[: self.num_owned]
         mine = [np.abs(z).max(initial=0.0), np.abs(X).max(initial=0.0), stiffness.max(initial=0.0)]

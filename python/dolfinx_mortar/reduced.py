@@ -19,18 +19,17 @@ class CondensedOperator:
     Args:
         s: Newton system.
         N, E: See :meth:`LinearSolver._row_operator`.
-        scale: Factors of the rows.
+        scale: Factors of the owned rows, shape (n_u,).
     """
 
     def __init__(self, s: NewtonSystem, N: PETSc.Mat, E: PETSc.Mat, scale: npt.NDArray[np.float64]):
         self._s, self._N, self._E, self._scale = s, N, E, scale
         self._kept = np.ones(len(scale))
         self._kept[s.own] = 0.0
-        self._f, self._g = s.K.createVecLeft(), s.K.createVecLeft()
-        self._c = s.C_u.createVecLeft()
+        self._f, self._c = s.K.createVecLeft(), s.C_u.createVecLeft()
 
     def mult(self, mat: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Y = A x, with unit rows at Dirichlet dofs."""
+        """Form y = A x, with unit rows at Dirichlet dofs."""
         s = self._s
         s.K.mult(x, self._f)
         if s.K_c is not None:
@@ -75,7 +74,7 @@ class ReducedPreconditioner:
         Args:
             s: Newton system.
             E: See :meth:`LinearSolver._row_operator`.
-            row_scale: Factors of the rows of active multipliers.
+            row_scale: Factors of the rows of active multipliers, shape (len(s.active),).
         """
         self._s, self._E, self._row_scale = s, E, row_scale
         self._D_inverse = np.zeros(s.C_z.getLocalSize()[0])
