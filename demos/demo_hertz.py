@@ -680,7 +680,8 @@ def plot_profiles(plt, out, finest):
 def plot_largest(plt, out):
     """Largest pressure against mesh size, with table, Hertz and paper."""
     loads = sorted({r["pressure"] for r in results}, reverse=True)
-    fig, axes = plt.subplots(1, len(loads), figsize=(6.4 * len(loads), 5.2), squeeze=False)
+    size = (6.4 * len(loads), 5.8)
+    fig, axes = plt.subplots(1, len(loads), figsize=size, squeeze=False, layout="constrained")
     for axis, p in zip(axes[0], loads):
         shown = {}
         for r in results:
@@ -713,9 +714,10 @@ def plot_largest(plt, out):
             )
         axis.set(title=f"$p = {p:g}$", xlabel="$h$ at the pole", ylabel=r"$\lambda_{\max}$")
         axis.set_xlim(left=0)
-        axis.legend(fontsize=7, loc="upper left")
         axis.grid(alpha=0.25)
-    fig.tight_layout()
+    # Below, where it hides no point; the first load has all elements
+    lines = axes[0, 0].get_legend_handles_labels()
+    fig.legend(*lines, fontsize=8, loc="outside lower center", ncols=2 * len(loads))
     fig.savefig(out / "lambda_max.png", dpi=150)
     plt.close(fig)
 
