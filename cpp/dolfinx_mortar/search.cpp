@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: MIT
 
 #include "search.h"
+#include "boxes.h"
 #include "error.h"
 #include "mpi_exchange.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -17,43 +17,6 @@ using namespace dolfinx_mortar;
 namespace
 {
 using Vector = std::array<double, 3>;
-
-constexpr double inf = std::numeric_limits<double>::infinity();
-
-/// Box with sides along the axes.
-struct Box
-{
-  Vector lower = {inf, inf, inf};
-  Vector upper = {-inf, -inf, -inf};
-};
-
-void add(Box& box, const Vector& x)
-{
-  for (int c = 0; c < 3; ++c)
-  {
-    box.lower[c] = std::min(box.lower[c], x[c]);
-    box.upper[c] = std::max(box.upper[c], x[c]);
-  }
-}
-
-Box grown(const Box& box, double distance)
-{
-  Box b = box;
-  for (int c = 0; c < 3; ++c)
-  {
-    b.lower[c] -= distance;
-    b.upper[c] += distance;
-  }
-  return b;
-}
-
-bool meet(const Box& a, const Box& b)
-{
-  for (int c = 0; c < 3; ++c)
-    if (!(a.lower[c] <= b.upper[c] and b.lower[c] <= a.upper[c]))
-      return false;
-  return true;
-}
 
 /// What the search needs to know of a facet.
 struct Outline
@@ -212,87 +175,6 @@ void append(Facets& list, const Surface& s, std::span<const double> x,
   list.offsets.push_back(list.nodes.size());
 }
 
-/// Bounding box tree, depth first: the first child of entry `i` is `i + 1`, and
-/// `next` leads past the subtree of an entry.
-struct Tree
-{
-  struct Entry
-  {
-    Box box;
-    std::int32_t next;
-    std::int32_t begin, end;
-    bool leaf;
-  };
-  std::vector<Entry> entries;
-
-  /// Leaves hold `order[begin:end]`
-  std::vector<std::int32_t> order;
-};
-
-void build(Tree& tree, std::span<const Box> boxes, std::int32_t begin,
-           std::int32_t end)
-{
-  constexpr int leaf_size = 8;
-  const std::size_t i = tree.entries.size();
-  Box box, centres;
-  auto centre = [&](std::int32_t k, int c)
-  { return boxes[k].lower[c] + boxes[k].upper[c]; };
-  for (std::int32_t j = begin; j < end; ++j)
-  {
-    const std::int32_t k = tree.order[j];
-    add(box, boxes[k].lower);
-    add(box, boxes[k].upper);
-    add(centres, {centre(k, 0), centre(k, 1), centre(k, 2)});
-  }
-  tree.entries.push_back({box, 0, begin, end, end - begin <= leaf_size});
-  if (!tree.entries[i].leaf)
-  {
-    int axis = 0;
-    for (int c = 1; c < 3; ++c)
-      if (centres.upper[c] - centres.lower[c]
-          > centres.upper[axis] - centres.lower[axis])
-        axis = c;
-    const std::int32_t middle = begin + (end - begin) / 2;
-    auto it = tree.order.begin();
-    std::nth_element(it + begin, it + middle, it + end, [&](auto a, auto b)
-                     { return centre(a, axis) < centre(b, axis); });
-    build(tree, boxes, begin, middle);
-    build(tree, boxes, middle, end);
-  }
-  tree.entries[i].next = tree.entries.size();
-}
-
-Tree create_tree(std::span<const Box> boxes)
-{
-  Tree tree;
-  tree.order.resize(boxes.size());
-  std::iota(tree.order.begin(), tree.order.end(), 0);
-  if (!boxes.empty())
-    build(tree, boxes, 0, boxes.size());
-  return tree;
-}
-
-/// Call `fn` with the index of each box that meets a given one, and perhaps of
-/// some that do not.
-template <typename F>
-void query(const Tree& tree, const Box& box, F&& fn)
-{
-  std::size_t i = 0;
-  while (i < tree.entries.size())
-  {
-    const Tree::Entry& e = tree.entries[i];
-    if (!meet(e.box, box))
-    {
-      i = e.next;
-      continue;
-    }
-    if (e.leaf)
-      std::for_each(tree.order.begin() + e.begin, tree.order.begin() + e.end,
-                    fn);
-    ++i;
-  }
-}
-
 /// The facets of this rank, and those that other ranks send, that are near
 /// this rank's slave facets. Collective.
 /// @param[in] box Box around this rank's slave facets.
@@ -303,37 +185,24 @@ Facets collect(const Box& box, const Surface& s, std::span<const double> x,
   int rank, size;
   MPI_Comm_rank(s.comm, &rank);
   MPI_Comm_size(s.comm, &size);
-  std::vector<Box> rank_boxes(size);
-  static_assert(sizeof(Box) == 6 * sizeof(double));
-  MPI_Allgather(&box, 6, MPI_DOUBLE, rank_boxes.data(), 6, MPI_DOUBLE, s.comm);
-
-  Box all;
-  for (const Box& b : boxes)
-  {
-    add(all, b.lower);
-    add(all, b.upper);
-  }
-
   Facets near;
   RankData<Facet> facets;
   RankData<Node> nodes;
-  for (int r = 0; r < size; ++r)
+  const RankData<std::int32_t> wanted = boxes_near(s.comm, box, boxes);
+  for (std::size_t i = 0; i < wanted.ranks.size(); ++i)
   {
-    if (boxes.empty() or !meet(all, rank_boxes[r]))
-      continue;
     Facets list;
-    for (std::size_t f = 0; f < boxes.size(); ++f)
-      if (meet(boxes[f], rank_boxes[r]))
-        append(list, s, x, f);
-    if (r == rank)
+    for (std::int32_t k = wanted.offsets[i]; k < wanted.offsets[i + 1]; ++k)
+      append(list, s, x, wanted.values[k]);
+    if (wanted.ranks[i] == rank)
       near = std::move(list);
-    else if (!list.facets.empty())
+    else
     {
-      facets.ranks.push_back(r);
+      facets.ranks.push_back(wanted.ranks[i]);
       facets.values.insert(facets.values.end(), list.facets.begin(),
                            list.facets.end());
       facets.offsets.push_back(facets.values.size());
-      nodes.ranks.push_back(r);
+      nodes.ranks.push_back(wanted.ranks[i]);
       nodes.values.insert(nodes.values.end(), list.nodes.begin(),
                           list.nodes.end());
       nodes.offsets.push_back(nodes.values.size());
@@ -389,11 +258,7 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   const std::vector<Outline> slaves = outlines(slave, x_slave);
   Box box;
   for (const Outline& o : slaves)
-  {
-    const Box b = grown(o.box, reach(o) + extra);
-    add(box, b.lower);
-    add(box, b.upper);
-  }
+    add(box, grown(o.box, reach(o) + extra));
   Facets near;
   {
     const std::vector<Outline> local = outlines(master, x_master);
@@ -435,7 +300,7 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   candidates.offsets.reserve(slaves.size() + 1);
   candidates.offsets.push_back(0);
   std::vector<std::int32_t>& pairs = candidates.facets;
-  const Tree tree = create_tree(boxes);
+  const BoxTree tree = create_tree(boxes);
   for (const Outline& s : slaves)
   {
     query(tree, grown(s.box, reach(s) + extra),
