@@ -66,6 +66,8 @@ class Coupling:
         self.start_overlap = ""
         self.B_ties = self.multipliers.integrate_ties()
         self._contact_pair: tuple[PETSc.Mat, PETSc.Mat] | None = None
+        #: B and B̃ of ties and contacts together, where there are both
+        self._combined: tuple[PETSc.Mat, PETSc.Mat] | None = None
         self._reference = layout.positions()
         self._accepted: tuple[npt.NDArray, npt.NDArray] | None = None
 
@@ -212,8 +214,8 @@ class Coupling:
 
     def _release_matrices(self) -> None:
         """Forget matrices of earlier states."""
-        sparse.destroy(*(self._contact_pair or ()), self.B_old)
-        self._contact_pair = self.B_old = None
+        sparse.destroy(*(self._contact_pair or ()), *(self._combined or ()), self.B_old)
+        self._contact_pair = self._combined = self.B_old = None
 
     # -- Residual -----------------------------------------------------------------
 
@@ -274,6 +276,7 @@ class Coupling:
         if len(pairs) == 1:
             self.B, self.B_tilde = pairs[0]
             return
+        sparse.destroy(*(self._combined or ()))
         self.B = pairs[0][0].copy()
         self.B.axpy(1.0, pairs[1][0])
         if self.multipliers.T is None:
@@ -281,6 +284,7 @@ class Coupling:
         else:
             self.B_tilde = pairs[0][1].copy()
             self.B_tilde.axpy(1.0, pairs[1][1])
+        self._combined = self.B, self.B_tilde
 
     def _evaluate_laws(self, u, z, f_z, forced) -> None:
         B = self.B_contact

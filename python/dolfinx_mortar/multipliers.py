@@ -267,6 +267,7 @@ class Multipliers:
 
     def update_transformation(self) -> None:
         """Form T anew, after a change of interfaces' multipliers. Collective."""
+        sparse.destroy(self.T, self.T_minus_one)
         # Products with T - I are to cost no more than its few entries
         T_minus_one, slaves = self._slave_rows(self.interfaces, False)
         self._add_identity(T_minus_one, slaves, -1.0)
