@@ -215,7 +215,8 @@ void wrap_coupling(nb::module_& m)
          In<double> c_n, In<double> c_t, In<std::int8_t> carries,
          In<std::int8_t> fixed, double friction, std::optional<double> bound,
          std::optional<In<std::int8_t>> forced, bool damped,
-         std::optional<In<std::int8_t>> near)
+         std::optional<In<std::int8_t>> near,
+         std::optional<In<std::int64_t>> blocks)
       {
         std::vector<Status> states;
         if (forced)
@@ -228,7 +229,8 @@ void wrap_coupling(nb::module_& m)
              motion ? span(*motion) : std::span<const double>(),
              scale ? span(*scale) : std::span<const double>(), span(c_n),
              span(c_t), span(carries), span(fixed),
-             near ? span(*near) : std::span<const std::int8_t>()},
+             near ? span(*near) : std::span<const std::int8_t>(),
+             blocks ? span(*blocks) : std::span<const std::int64_t>()},
             {friction, bound}, states, damped);
         const std::size_t n = r.status.size();
         std::vector<std::int8_t> status;
@@ -242,6 +244,16 @@ void wrap_coupling(nb::module_& m)
         d["dn"] = as_array(std::move(r.dn), {n, 3, 3});
         d["dw"] = as_array(std::move(r.dw), {n, 3, 3});
         d["dg"] = as_array(std::move(r.dg), {n, 3});
+        ContactCouplings& c = r.couplings;
+        const std::size_t m = c.rows.size();
+        nb::dict e;
+        e["rows"] = as_array(std::move(c.rows), {m});
+        e["columns"] = as_array(std::move(c.columns), {m});
+        e["dz"] = as_array(std::move(c.dz), {m, 3, 3});
+        e["dn"] = as_array(std::move(c.dn), {m, 3, 3});
+        e["dw"] = as_array(std::move(c.dw), {m, 3, 3});
+        e["dg"] = as_array(std::move(c.dg), {m, 3});
+        d["couplings"] = e;
         return d;
       },
       nb::arg("z"), nb::arg("normal"), nb::arg("gap"), nb::arg("motion").none(),
@@ -249,18 +261,23 @@ void wrap_coupling(nb::module_& m)
       nb::arg("carries"), nb::arg("fixed"), nb::arg("friction"),
       nb::arg("bound").none(), nb::arg("forced").none() = nb::none(),
       nb::arg("damped") = false, nb::arg("near").none() = nb::none(),
+      nb::arg("blocks").none() = nb::none(),
       "Contact conditions as a semi-smooth equation, for arrays of nodes.");
 
   m.def(
       "add_blocks",
-      [](Mat A, std::int64_t first_row, std::int64_t first_column,
+      [](Mat A, In<std::int64_t> rows, In<std::int64_t> columns,
          In<double> blocks)
       {
-        const std::size_t n = blocks.shape(0);
-        const PetscInt r = blocks.shape(1), c = blocks.shape(2);
-        add_blocks(A, first_row, first_column, n, r, c, span(blocks));
+        if (blocks.ndim() != 3 or rows.size() != blocks.shape(0)
+            or columns.size() != blocks.shape(0))
+        {
+          throw std::invalid_argument("Each block needs a row and a column.");
+        }
+        add_blocks(A, span(rows), span(columns), blocks.shape(1),
+                   blocks.shape(2), span(blocks));
       },
-      nb::arg("A"), nb::arg("first_row"), nb::arg("first_column"),
-      nb::arg("blocks"),
-      "Insert a block diagonal, blocks of shape (n, rows, columns).");
+      nb::arg("A"), nb::arg("rows"), nb::arg("columns"), nb::arg("blocks"),
+      "Add blocks of shape (n, rows, columns) at their first rows and "
+      "columns.");
 }

@@ -7,6 +7,7 @@
 #include "arrays.h"
 #include <cstdint>
 #include <dolfinx_mortar/adapter.h>
+#include <dolfinx_mortar/patches.h>
 #include <dolfinx_mortar/search.h>
 #include <dolfinx_mortar/surface.h>
 #include <memory>
@@ -133,6 +134,10 @@ void wrap_surface(nb::module_& m)
       nb::arg("orientation"), nb::arg("block_numbers"),
       nb::arg("num_owned_blocks"), nb::arg("block_owners"), nb::arg("X"),
       "Create a surface from arrays; `comm` is `comm.py2f()`. Collective.");
+  m.def("split_at_edges", &split_at_edges, nb::arg("surface"),
+        nb::arg("feature_angle"),
+        "Give each smooth patch that meets at a node a node of its own. "
+        "Collective.");
   m.def(
       "create_surface",
       [](std::shared_ptr<const dolfinx::fem::FunctionSpace<double>> V,

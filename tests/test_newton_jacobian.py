@@ -11,6 +11,7 @@ import cases
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
+from corner import corner
 from dolfinx_mortar.linearisation import linearise
 from scipy.sparse import bmat, csr_matrix
 
@@ -179,3 +180,24 @@ def test_tresca_and_small_deformation(options):
     p, contact = problem("hex20", "hex27", c_n=1e3, c_t=1e3, **options)
     error, _ = check(p, contact, random_state(p, contact, spread=8.0))
     assert error < 1e-6
+
+
+def corner_problem(slave, master, walls, **options):
+    """A block in a corner: nodes on its edges are in contact with two and three bodies."""
+    case = corner(slave, master, energy=cases.neo_hooke(blocks.E, blocks.NU), walls=walls)
+    u = cases.displacements(case)
+    (contact,) = cases.make_interfaces(case, initial_active="all", **options)
+    bcs = cases.DirichletConditions(case).bcs
+    return dm.ContactProblem(cases.residuals(case, u), u, bcs=bcs, interfaces=[contact]), contact
+
+
+@pytest.mark.parametrize("state", FRICTION)
+@pytest.mark.parametrize("pair", [("hex8", "hex8"), ("hex20", "tet10"), ("tet10", "hex27")], ids=str)
+@pytest.mark.parametrize("walls", [1, 2])
+def test_edges(state, pair, walls):
+    p, contact = corner_problem(*pair, walls, friction=FRICTION[state], c_n=1e3, c_t=1e3)
+    error, status = check(p, contact, random_state(p, contact, spread=4.0))
+    couplings = contact._law["couplings"]
+    assert (len(couplings["rows"]) > 0) == (state != "frictionless")
+    assert np.sum(status != OPEN) > contact.num_owned / 2
+    assert error < 1e-8

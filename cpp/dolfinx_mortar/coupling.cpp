@@ -5,6 +5,7 @@
 #include "block_accumulator.h"
 #include "error.h"
 #include "integrals.h"
+#include "patches.h"
 #include <algorithm>
 #include <map>
 #include <stdexcept>
@@ -340,18 +341,18 @@ Mat dolfinx_mortar::create_matrix(MPI_Comm comm, std::int64_t local_rows,
   return A;
 }
 //-----------------------------------------------------------------------------
-void dolfinx_mortar::add_blocks(Mat A, std::int64_t first_row,
-                                std::int64_t first_column, std::int64_t n,
+void dolfinx_mortar::add_blocks(Mat A, std::span<const std::int64_t> first_rows,
+                                std::span<const std::int64_t> first_columns,
                                 int rows, int columns,
                                 std::span<const double> blocks)
 {
   std::vector<PetscInt> r(rows), c(columns);
-  for (std::int64_t i = 0; i < n; ++i)
+  for (std::size_t i = 0; i < first_rows.size(); ++i)
   {
     for (int k = 0; k < rows; ++k)
-      r[k] = first_row + rows * i + k;
+      r[k] = first_rows[i] + k;
     for (int k = 0; k < columns; ++k)
-      c[k] = first_column + columns * i + k;
+      c[k] = first_columns[i] + k;
     check(MatSetValues(A, rows, r.data(), columns, c.data(),
                        blocks.data() + rows * columns * i, ADD_VALUES),
           "MatSetValues");
@@ -445,6 +446,7 @@ dolfinx_mortar::flag_positive(const Interface& interface,
     }
   }
   scatter_reverse_add(s, std::span<std::int32_t>(open), 1);
+  share_largest(s, open);
   scatter_forward(s, std::span<std::int32_t>(open), 1);
 
   // Nodes of facets around
@@ -460,6 +462,7 @@ dolfinx_mortar::flag_positive(const Interface& interface,
     }
   }
   scatter_reverse_add(s, std::span<std::int32_t>(near), 1);
+  share_largest(s, near);
   scatter_forward(s, std::span<std::int32_t>(near), 1);
   for (std::int32_t i = 0; i < num; ++i)
     flags[i] = near[i] > 0;

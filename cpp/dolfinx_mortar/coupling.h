@@ -197,12 +197,15 @@ std::vector<std::int8_t> flag_positive(const Interface& interface,
                                        std::span<const double> x,
                                        std::span<const double> covered);
 
-/// @brief Insert a block diagonal: block i starts at row `first_row + rows i`
-/// and column `first_column + columns i`.
+/// @brief Add dense blocks to a matrix.
+/// @param[in,out] A Matrix.
+/// @param[in] first_rows,first_columns First row and first column (global) of
+/// each block, shape (n).
+/// @param[in] rows,columns Shape of a block.
 /// @param[in] blocks Row-major blocks, shape (n, rows, columns).
-void add_blocks(Mat A, std::int64_t first_row, std::int64_t first_column,
-                std::int64_t n, int rows, int columns,
-                std::span<const double> blocks);
+void add_blocks(Mat A, std::span<const std::int64_t> first_rows,
+                std::span<const std::int64_t> first_columns, int rows,
+                int columns, std::span<const double> blocks);
 
 /// @brief Where a row of combine_rows comes from.
 enum class RowSource : std::int8_t

@@ -62,6 +62,22 @@ struct ContactState
   /// Non-zero for nodes that can come into contact, see NodalIntegrals; empty
   /// where all can
   std::span<const std::int8_t> near;
+
+  /// Displacement block of each node, shape (n). Nodes of one block are
+  /// consecutive: one node for each smooth patch that meets there, see
+  /// split_at_edges. Empty where no two have the same
+  std::span<const std::int64_t> blocks;
+};
+
+/// @brief Derivatives of the residual of a node by the values of another node
+/// of the same block (friction on edges); row-major blocks.
+struct ContactCouplings
+{
+  /// Node whose residual, and node whose values, shape (m)
+  std::vector<std::int32_t> rows, columns;
+
+  /// ∂C/∂z, ∂C/∂n, ∂C/∂w, shapes (m, 3, 3), and ∂C/∂g̃, shape (m, 3)
+  std::vector<double> dz, dn, dw, dg;
 };
 
 /// @brief Complementarity function and its derivatives; row-major blocks.
@@ -77,6 +93,9 @@ struct ContactResidual
 
   /// ∂C/∂z, ∂C/∂n, ∂C/∂w, shapes (n, 3, 3), and ∂C/∂g̃, shape (n, 3)
   std::vector<double> dz, dn, dw, dg;
+
+  /// Derivatives by the values of other nodes
+  ContactCouplings couplings;
 };
 
 /// @brief Contact conditions as a semi-smooth equation (equation 5.1 and
@@ -94,6 +113,12 @@ struct ContactResidual
 /// - b t) / σ. The constant σ sets the scale of the equation and nothing else:
 /// max(b, ‖t‖) of the last iterate makes it a traction. (With the divisor
 /// max(b, ‖t‖) differentiated as well Newton's method often diverges.)
+///
+/// A node on an edge can be in contact on several patches, each with its own
+/// condition on the gap. It has contact on three at most, those that are
+/// pressed most, and not on two with nearly parallel normals: it could not
+/// satisfy both. Friction there acts along the edge of two patches, see
+/// edge_residual; on three a node can not slide, and has no friction.
 ///
 /// @param[in] state Nodal values.
 /// @param[in] friction Tangential behaviour.

@@ -381,6 +381,25 @@ void dolfinx_mortar::check_areas(const Surface& s, std::span<const double> x,
   throw_on_all(s.comm, message);
 }
 //-----------------------------------------------------------------------------
+void dolfinx_mortar::facet_normals(const Surface& s, std::span<const double> x,
+                                   std::int32_t f, std::span<double> n)
+{
+  std::span<const std::int32_t> nodes = facet_nodes(s, f);
+  const NodeDerivatives& dN = node_derivatives(s.types[f]);
+  const double tol = no_area * squared_size(nodes, x);
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+  {
+    auto [t0, t1] = tangents(nodes, x, dN[k]);
+    const Vector c = t0.cross(t1);
+    const double length = c.norm();
+    Eigen::Map<Vector> nk(n.data() + 3 * k);
+    if (length > tol)
+      nk = s.orientation[f] * c / length;
+    else
+      nk.setZero();
+  }
+}
+//-----------------------------------------------------------------------------
 Normals dolfinx_mortar::compute_normals(const Surface& s,
                                         std::span<const double> x,
                                         std::span<const std::int8_t> fixed)

@@ -16,7 +16,9 @@ namespace dolfinx_mortar
 /// the ranks of a communicator.
 ///
 /// A facet belongs to the rank that owns its cell. Nodes are the nodes of the
-/// displacement space on the facets. The nodes a rank owns come first, the
+/// displacement space on the facets; at edges there may be one for each of the
+/// smooth patches that meet there, see split_at_edges. The nodes a rank owns
+/// come first, the
 /// nodes of its facets that other ranks own (ghosts) follow. A rank may own
 /// nodes that none of its own facets touches.
 struct Surface
@@ -146,6 +148,15 @@ std::vector<double> current_positions(const Surface& s,
 /// @throw std::runtime_error On all ranks, where a facet has none.
 void check_areas(const Surface& s, std::span<const double> x,
                  const std::string& name = "surface");
+
+/// @brief Unit outward normals of a facet at its nodes.
+/// @param[in] s Surface.
+/// @param[in] x Position of each local node, shape (n, 3).
+/// @param[in] f Facet.
+/// @param[out] n Shape (nodes of the facet, 3); zero where the facet has no
+/// area.
+void facet_normals(const Surface& s, std::span<const double> x, std::int32_t f,
+                   std::span<double> n);
 
 /// @brief Averaged nodal normals.
 struct Normals

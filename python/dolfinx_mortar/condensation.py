@@ -13,7 +13,8 @@ nodes' own equilibrium,
 
     dz_S = D̃⁻¹ [Tᵀ (r_u - K du)]_S,
 
-and what is left is a system in du alone: no saddle point.
+and what is left is a system in du alone: no saddle point (see `elimination` for nodes with several
+multipliers).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy.typing as npt
 from dolfinx.common import Timer
 
 from . import cpp, sparse
+from .elimination import Elimination, eliminate
 from .errors import ConvergenceError
 from .linearisation import NewtonSystem
 from .reduced import CondensedOperator, ReducedPreconditioner
@@ -137,18 +139,19 @@ class LinearSolver:
         r_test.array[:] *= free
 
         with Timer("~mortar: condense"):
-            N, E = self._row_operator(s, free)
+            e = eliminate(self.comm, s.nodes)
+            N, E = self._row_operator(s, e, free)
             scale = np.ones(n_u)
-            scale[s.own] = _row_scale(s)
+            scale[s.own] = _row_scale(s, e)
             if self._reduced is None:
                 A = sparse.scale_rows(self._condensed_matrix(s, N, E), scale)
             else:
                 context = CondensedOperator(s, N, E, scale)
                 A = PETSc.Mat().createPython(s.K.getSizes(), context, comm=self.comm)
                 A.setUp()
-                self._reduced.prepare(s, E, scale[s.own])
+                self._reduced.prepare(s, e, E, scale)
 
-        # Right-hand side: rows of S hold the constraints
+        # Right-hand side
         b = s.K.createVecLeft()
         N.mult(r_test, b)
         rows = np.ones(n_u, dtype=bool)
@@ -156,7 +159,8 @@ class LinearSolver:
         b.array[rows] += r_test.array[rows]
         c_rest = s.C_z.createVecLeft()
         s.C_z.mult(dz_vec, c_rest)
-        b.array[s.own] += r_z[s.active] - c_rest.array[s.active]
+        c_rest.array[:] = np.where(is_active, r_z - c_rest.array, 0.0)
+        E.multAdd(c_rest, b, b)
         b.array[:] *= scale
         b.array[s.fixed] = r_u[s.fixed]
         x = self._run(A, b)
@@ -173,34 +177,39 @@ class LinearSolver:
             extra = s.K.createVecLeft()
             s.T.multTranspose(residual, extra)
             residual.axpy(1.0, extra)
-        dz[s.active] = residual.array[s.own] / s.diagonal
-        sparse.destroy(N, E, A, b, x, residual, r_test, dz_vec, c_rest)
+            extra.destroy()
+        z = s.C_z.createVecLeft()
+        e.L.mult(residual, z)
+        if e.L_c is not None:
+            constraints = s.C_u.createVecLeft()
+            s.C_u.mult(x, constraints)
+            constraints.aypx(-1.0, c_rest)
+            e.L_c.multAdd(constraints, z, z)
+            constraints.destroy()
+        dz[s.active] = z.array[s.active]
+        e.destroy()
+        sparse.destroy(N, E, A, b, x, z, residual, r_test, dz_vec, c_rest)
         return du, dz
 
     def _any(self, values: npt.NDArray[np.float64]) -> bool:
         return self.comm.allreduce(bool(np.any(values)), op=MPI.LOR)
 
-    def _row_operator(self, s, free) -> tuple[PETSc.Mat, PETSc.Mat]:
-        """N with condensed rows = (I_R + N) r of the residual, and E.
+    def _row_operator(self, s, e: Elimination, free) -> tuple[PETSc.Mat, PETSc.Mat]:
+        """N and E with which the condensed rows are (I_R + N) r_u + E r_z.
 
-        E puts active multipliers on the dofs of their nodes, I_R keeps the rows that are not
-        slave rows, and
+        I_R keeps the rows that are not slave rows, B̃_R is B̃ without the entries of the multipliers
+        at their own nodes, and
 
-            N = I_R (T - I)ᵀ - Y Eᵀ - Y Eᵀ (T - I)ᵀ,  Y = (B̃_Rᵀ + E C_z) D̃⁻¹,
+            N = I_R (T - I)ᵀ - Y - Y (T - I)ᵀ,  Y = B̃_Rᵀ L + H,
+            E = G - B̃_Rᵀ L_c,
 
-        with the columns of Dirichlet dofs left out.
+        with the columns of Dirichlet dofs left out of N.
         """
-        n_u, n_z = s.K.getLocalSize()[0], s.C_z.getLocalSize()[0]
-        order = np.argsort(s.own, kind="stable")
-        E = sparse.selection(self.comm, n_u, n_z, s.own[order], s.active[order])
-        inverse = np.zeros(n_z)
-        inverse[s.active] = 1.0 / s.diagonal
-        Y = sparse.scale_columns(s.B_tilde.transpose(PETSc.Mat()), inverse)
-        Y.axpy(-1.0, E)
-        EC = sparse.scale_columns(E.matMult(s.C_z), inverse)
-        Y.axpy(1.0, EC)
-        Et = E.transpose(PETSc.Mat())
-        N = Y.matMult(Et)
+        n_u = s.K.getLocalSize()[0]
+        B_R = s.B_tilde.transpose(PETSc.Mat())
+        B_R.axpy(-1.0, e.D)
+        N = B_R.matMult(e.L)
+        N.axpy(1.0, e.H)
         N.scale(-1.0)
         if s.T is not None:
             Tt = s.T.transpose(PETSc.Mat())
@@ -211,7 +220,12 @@ class LinearSolver:
             N.axpy(1.0, sparse.scale_rows(Tt, keep))
             sparse.destroy(Tt, NT)
         sparse.scale_columns(N, free)
-        sparse.destroy(Y, EC, Et)
+        E = e.G.copy()
+        if e.L_c is not None:
+            BL = B_R.matMult(e.L_c)
+            E.axpy(-1.0, BL)
+            BL.destroy()
+        B_R.destroy()
         return N, E
 
     def _condensed_matrix(self, s, N, E) -> PETSc.Mat:
@@ -238,7 +252,7 @@ class LinearSolver:
         return A
 
 
-def _row_scale(s: NewtonSystem) -> npt.NDArray[np.float64]:
+def _row_scale(s: NewtonSystem, e: Elimination) -> npt.NDArray[np.float64]:
     """Factors that give constraint rows the size, and the sign, of the tangent's rows.
 
     Constraints are tractions, C_z = I - n nᵀ without friction: times -D̃ their tangential part is
@@ -246,4 +260,4 @@ def _row_scale(s: NewtonSystem) -> npt.NDArray[np.float64]:
     """
     if s.tied:
         return np.abs(s.K.getDiagonal().array[s.own]) / s.diagonal
-    return -s.diagonal
+    return -e.weight[s.own]

@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx.common import Timer
 
 from . import cpp, sparse
-from .interfaces import COVERED, Interface
+from .interfaces import COVERED, Interface, Part
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -42,6 +42,11 @@ class Contact(Interface):
             used at all nodes instead of the slave's own normals. With small strains both are
             right up to the angle between the surfaces; the normal of a plane master is the
             better choice, as it makes contact with that plane exact.
+        feature_angle: Angle [degrees] between slave facets, in the reference configuration, from
+            which on they meet at an edge. The patches on the sides of an edge have their own
+            normals and gaps: a node there is in contact with each of them on its own, on two or
+            three at once in the corner of a master. Friction of such a node acts along the edge,
+            with the sum of both normal forces. 180 averages normals over all edges.
     """
 
     _leave_distant = True
@@ -60,6 +65,7 @@ class Contact(Interface):
         geometry: str = "current",
         initial_active: str | Callable = "gap",
         normal: Sequence[float] | None = None,
+        feature_angle: float = 40.0,
         **options: Any,
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
@@ -82,6 +88,12 @@ class Contact(Interface):
             raise ValueError("A given normal makes sense only with geometry='reference'.")
         if normal is not None and not (np.shape(normal) == (3,) and np.linalg.norm(normal) > 0):
             raise ValueError("normal must be three numbers, not all zero.")
+        if not 0 < feature_angle <= 180:
+            raise ValueError(
+                f"feature_angle is {feature_angle}, but must be an angle in degrees, above 0 and "
+                "not above 180."
+            )
+        self._feature_angle = float(feature_angle)
         self._normal = None if normal is None else np.asarray(normal) / np.linalg.norm(normal)
         self.friction = float(friction or 0.0)
         self.tresca = tresca
@@ -95,6 +107,16 @@ class Contact(Interface):
         return self.friction > 0 or self.tresca is not None
 
     # -- Called by the problem ---------------------------------------------------
+
+    def _surface(self, parts: list[Part], side: str) -> cpp.Surface:
+        surface = super()._surface(parts, side)
+        if side == "master":
+            return surface
+        surface = cpp.split_at_edges(surface, np.radians(self._feature_angle))
+        blocks = surface.blocks[: surface.num_owned]
+        #: Displacement blocks of the owned nodes, None where no two are the same
+        self._blocks = None if len(np.unique(blocks)) == len(blocks) else blocks.copy()
+        return surface
 
     def _set_parameters(self, stiffness: npt.NDArray[np.float64]) -> None:
         """Set complementarity parameters [traction per weighted gap].
@@ -169,6 +191,7 @@ class Contact(Interface):
             self._forced,
             damped,
             near,
+            self._blocks,
         )
         return self._law["value"]
 

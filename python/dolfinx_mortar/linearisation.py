@@ -13,8 +13,9 @@ import numpy.typing as npt
 from dolfinx.common import Timer
 
 from . import cpp, sparse
-from .contact import OPEN, SLIP, Contact
+from .contact import OPEN, SLIP, STICK, Contact
 from .coupling import Coupling
+from .elimination import ActiveNodes
 
 
 @dataclass
@@ -36,8 +37,7 @@ class NewtonSystem:
         active: Local multiplier dofs (ascending) whose constraint involves displacements.
         own: Local displacement dof of the node of each of ``active``.
         diagonal: Entry of D̃ of each of ``active``.
-        projector: Directions of the constraints at each owned multiplier node, shape (n, 3, 3):
-            the identity for tied and sticking nodes, n nᵀ for sliding ones, else zero.
+        nodes: The same node by node.
         fixed: Local displacement dofs with a Dirichlet condition.
         tied: True where all active constraints are ties (then K may be kept symmetric).
     """
@@ -52,7 +52,7 @@ class NewtonSystem:
     active: npt.NDArray[np.int32]
     own: npt.NDArray[np.int32]
     diagonal: npt.NDArray[np.float64]
-    projector: npt.NDArray[np.float64]
+    nodes: ActiveNodes
     fixed: npt.NDArray[np.int32]
     tied: bool
 
@@ -83,9 +83,12 @@ def linearise(coupling: Coupling, K: PETSc.Mat, z: npt.NDArray[np.float64]) -> N
     if coupling.B is None:
         coupling.B, coupling.B_tilde = m.empty_B()
         coupling.B.assemble()
-    active, blocks, projector, diagonal, own = _nodal_terms(coupling)
+    nodes = _active_nodes(coupling)
+    active = np.flatnonzero(nodes.flags).astype(np.int32)
     C_z = sparse.empty(m.comm, m.size, m.size)
-    cpp.add_blocks(C_z, m.first, m.first, blocks)
+    rows = _first_dofs(m.first, m.size // 3)
+    cpp.add_blocks(C_z, rows, rows, nodes.dz)
+    _add_couplings(C_z, m.first, m.first, 3, *nodes.couplings)
     C_z.assemble()
 
     K_c = None
@@ -111,44 +114,74 @@ def linearise(coupling: Coupling, K: PETSc.Mat, z: npt.NDArray[np.float64]) -> N
         C_u=C_u,
         C_z=C_z,
         active=active,
-        own=own[active],
-        diagonal=diagonal[active],
-        projector=projector,
+        own=nodes.own[active // 3] + active % 3,
+        diagonal=nodes.diagonal[active // 3],
+        nodes=nodes,
         fixed=coupling.fixed_dofs,
         tied=not coupling.contacts,
     )
 
 
-def _nodal_terms(coupling: Coupling):
-    """What is known node by node.
-
-    Returns:
-        Active multiplier dofs; derivative of the constraints by multipliers, shape (n, 3, 3);
-        directions of the constraints, shape (n, 3, 3); entries of D̃ and local displacement dof
-        of each multiplier dof.
-    """
+def _active_nodes(coupling: Coupling) -> ActiveNodes:
+    """What is known node by node."""
     m = coupling.multipliers
     n = m.size // 3
-    active = np.zeros((n, 3), dtype=bool)
-    blocks, projector = np.zeros((2, n, 3, 3))
-    diagonal, own = np.zeros(m.size), np.zeros(m.size, dtype=np.int32)
+    flags, stick = np.zeros((n, 3), dtype=bool), np.zeros(n, dtype=bool)
+    blocks, directions = np.zeros((2, n, 3, 3))
+    diagonal, own, normals = np.zeros(n), np.zeros(n, dtype=np.int32), np.zeros((n, 3))
+    couplings = [
+        (np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))
+    ]
     eye = np.eye(3)
     for i in coupling.interfaces:
-        nodes, dofs, size = m.nodes(i), m.slice(i), i.num_owned
-        own[dofs] = m.own_dofs(i)
-        diagonal[dofs] = np.repeat(i._nodal["diagonal"][:size], 3)
-        directions = np.tile(eye, (size, 1, 1))
+        nodes, size = m.nodes(i), i.num_owned
+        own[nodes] = m.own_dofs(i)[::3]
+        diagonal[nodes] = i._nodal["diagonal"][:size]
+        directions[nodes] = eye
         if isinstance(i, Contact):
-            flags = (i._status != OPEN)[:, None] & (i._fixed[:size] == 0)
+            flags[nodes] = (i._status != OPEN)[:, None] & (i._fixed[:size] == 0)
             blocks[nodes] = i._law["dz"]
             normal, sliding = i._configuration.normals[:size], i._status == SLIP
-            directions[sliding] = normal[sliding, :, None] * normal[sliding, None, :]
+            directions[nodes][sliding] = normal[sliding, :, None] * normal[sliding, None, :]
+            normals[nodes], stick[nodes] = normal, i._status == STICK
+            c = i._law["couplings"]
+            couplings.append((nodes.start + c["rows"], nodes.start + c["columns"], c["dz"]))
         else:
-            flags = m.tied(i).reshape(-1, 3)
-            blocks[nodes] = eye * ~flags[:, :, None]
-        active[nodes] = flags
-        projector[nodes] = directions * flags[:, :, None] * flags[:, None, :]
-    return np.flatnonzero(active).astype(np.int32), blocks, projector, diagonal, own
+            flags[nodes] = m.tied(i).reshape(-1, 3)
+            blocks[nodes] = eye * ~flags[nodes][:, :, None]
+    return ActiveNodes(
+        size_u=coupling.layout.size_u,
+        size_z=m.size,
+        flags=flags,
+        own=own,
+        diagonal=diagonal,
+        dz=blocks,
+        couplings=tuple(np.concatenate(c) for c in zip(*couplings)),
+        directions=directions,
+        normals=normals,
+        stick=stick,
+    )
+
+
+def _first_dofs(first: int, n: int, size: int = 3) -> npt.NDArray[np.int64]:
+    """First dofs of n blocks one after the other."""
+    return first + size * np.arange(n, dtype=np.int64)
+
+
+def _add_couplings(A: PETSc.Mat, row: int, column: int, size: int, rows, columns, blocks) -> None:
+    """Add blocks between the patches at a node.
+
+    Args:
+        A: Matrix.
+        row: Row of multiplier node 0.
+        column: Column of multiplier node 0.
+        size: Columns of a block.
+        rows: Multiplier nodes, shape (k,).
+        columns: Multiplier nodes, shape (k,).
+        blocks: Shape (k, 3, size).
+    """
+    i, j = (np.asarray(x, dtype=np.int64) for x in (rows, columns))
+    cpp.add_blocks(A, row + 3 * i, column + size * j, np.ascontiguousarray(blocks))
 
 
 def _contact_derivative(
@@ -178,12 +211,18 @@ def _contact_derivative(
     force = sparse.empty(comm, n_u, n_u) if current else None
     against = sparse.empty(comm, n_n, n_z) if frozen else None
     for c in coupling.contacts:
-        row, row_n = first + m.slice(c).start, first_n + m.nodes(c).start
-        cpp.add_blocks(W_g, row, row_n, np.ascontiguousarray(c._law["dg"][:, :, None]))
-        cpp.add_blocks(W_n, row, row, c._law["dn"])
+        start, start_n = first + m.slice(c).start, first_n + m.nodes(c).start
+        row, row_n = _first_dofs(start, c.num_owned), _first_dofs(start_n, c.num_owned, 1)
+        law, both = c._law, c._law["couplings"]
+        pairs = both["rows"], both["columns"]
+        cpp.add_blocks(W_g, row, row_n, np.ascontiguousarray(law["dg"][:, :, None]))
+        _add_couplings(W_g, start, start_n, 1, *pairs, both["dg"][:, :, None])
+        cpp.add_blocks(W_n, row, row, law["dn"])
+        _add_couplings(W_n, start, start, 3, *pairs, both["dn"])
         if W_w is not None:
             sign = 1.0 if c.geometry == "current" else -1.0
-            cpp.add_blocks(W_w, row, row, sign * c._law["dw"])
+            cpp.add_blocks(W_w, row, row, sign * law["dw"])
+            _add_couplings(W_w, start, start, 3, *pairs, sign * both["dw"])
         closed = c._status != OPEN
         if c.geometry == "reference":
             n = np.where(closed[:, None], -c._configuration.normals[: c.num_owned], 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import cpp, sparse
+from .elimination import Elimination
 from .linearisation import NewtonSystem
 
 
@@ -45,10 +46,12 @@ class CondensedOperator:
 class ReducedPreconditioner:
     """Preconditioner of the condensed system by one of a symmetric system.
 
-    With Π the constrained directions of the nodes of S, motions without a change of the
-    constraints are, but for the turning of normals, du = (I + W) w with
+    With Π the constrained directions of the nodes of S and Q the matrix that satisfies constraints at
+    their own nodes (``Elimination.solve_constraints``; Π D̃⁻¹ where a node has one multiplier),
+    motions without a change of the constraints are, but for the turning of normals, du = (I + W) w
+    with
 
-        I + W = T (I - E Π D̃⁻¹ B̃).
+        I + W = T (I - Q B̃).
 
     On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what ``inner``
     inverts. Motions in the directions of the constraints follow from the constraints, node by
@@ -68,18 +71,19 @@ class ReducedPreconditioner:
         self._modes = PETSc.NullSpace().createRigidBody(coordinates)
         self._W: PETSc.Mat | None = None
 
-    def prepare(self, s: NewtonSystem, E: PETSc.Mat, row_scale: npt.NDArray[np.float64]) -> None:
+    def prepare(
+        self, s: NewtonSystem, e: Elimination, E: PETSc.Mat, scale: npt.NDArray[np.float64]
+    ) -> None:
         """Set up for a system. Collective.
 
         Args:
             s: Newton system.
+            e: Elimination of its multipliers.
             E: See :meth:`LinearSolver._row_operator`.
-            row_scale: Factors of the rows of active multipliers, shape (len(s.active),).
+            scale: Factors of the owned rows, shape (n_u,).
         """
-        self._s, self._E, self._row_scale = s, E, row_scale
-        self._D_inverse = np.zeros(s.C_z.getLocalSize()[0])
-        self._D_inverse[s.active] = 1.0 / s.diagonal
-        self._free = np.eye(3) - s.projector
+        self._s, self._e, self._E, self._scale = s, e, E, scale
+        self._free = np.eye(3) - e.constrained
         stiffness = s.K.getDiagonal()
         self._mean = stiffness.sum() / stiffness.getSize()
         # What belongs to the last system is large
@@ -94,91 +98,82 @@ class ReducedPreconditioner:
         A.destroy()
         self._blocks = self._invert_constraints()
 
-    def _projector(self, factor: float) -> PETSc.Mat:
-        """Π times a factor."""
-        s = self._s
-        Pi = sparse.empty(s.K.comm.tompi4py(), *2 * [s.C_z.getLocalSize()[0]])
-        first = Pi.getOwnershipRange()[0]
-        cpp.add_blocks(Pi, first, first, factor * np.ascontiguousarray(s.projector))
-        Pi.assemble()
-        return Pi
-
     def _form_W(self) -> PETSc.Mat:
         """See the class."""
         s = self._s
-        Pi = sparse.scale_columns(self._projector(-1.0), self._D_inverse)
-        EPi = self._E.matMult(Pi)
-        W = EPi.matMult(s.B_tilde)
+        W = self._e.solve_constraints.matMult(s.B_tilde)
+        W.scale(-1.0)
         if s.T is not None:
             TW = s.T.matMult(W)
             W.axpy(1.0, TW)
             W.axpy(1.0, s.T)
             TW.destroy()
-        sparse.destroy(Pi, EPi)
         return W
 
     def _form_operator(self) -> PETSc.Mat:
         """(I + W)ᵀ K (I + W), as K and the few entries that are to be added to it."""
-        s, E = self._s, self._E
+        s = self._s
         delta = s.K.matMult(self._W)
         more = self._W.transposeMatMult(s.K)
         WKW = self._W.transposeMatMult(delta)
         delta.axpy(1.0, more)
         delta.axpy(1.0, WKW)
         # Unit-like entries in the constrained directions
-        Pi, Et = self._projector(self._mean), E.transpose(PETSc.Mat())
-        EPi = E.matMult(Pi)
-        EPiE = EPi.matMult(Et)
-        delta.axpy(1.0, EPiE)
+        units = self._constrained_units()
+        delta.axpy(1.0, units)
         A = cpp.combine_rows(s.K, delta, np.zeros(s.K.getLocalSize()[0], dtype=np.int8))
-        sparse.destroy(more, WKW, delta, Pi, Et, EPi, EPiE)
+        sparse.destroy(more, WKW, delta, units)
         start = A.getOwnershipRange()[0]
         A.zeroRowsColumns((start + s.fixed).astype(PETSc.IntType), diag=self._mean)
         A.setNearNullSpace(self._modes)
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         return A
 
+    def _constrained_units(self) -> PETSc.Mat:
+        """Π times the mean stiffness."""
+        n_u = self._s.K.getLocalSize()[0]
+        blocks = self._e.constrained
+        node, i, j = np.nonzero(blocks)
+        values = self._mean * blocks[node, i, j]
+        return sparse.local_entries(self._comm, n_u, n_u, 3 * node + i, 3 * node + j, values)
+
     def _invert_constraints(self) -> npt.NDArray[np.float64]:
-        """Invert the blocks of the constraints at their own nodes, Π C_u T E Π."""
-        s, E = self._s, self._E
-        C = s.C_u
+        """Invert the blocks of the constraints at their own nodes, Π E C_u T Π."""
+        s, Pi = self._s, self._e.constrained
+        C = self._E.matMult(s.C_u)
         if s.T is not None:
-            C = C.matMult(s.T)
-            C.axpy(1.0, s.C_u)
-        CE = C.matMult(E)
-        first, n_z = CE.getOwnershipRange()[0], s.C_z.getLocalSize()[0]
-        blocks = np.zeros((n_z // 3, 3, 3))
-        for j in np.unique(s.active // 3)[:, None] * 3 + np.arange(3):
-            for i in j:
-                columns, values = CE.getRow(first + i)
-                inside = (columns >= first + j[0]) & (columns <= first + j[2])
-                blocks[i // 3, i % 3, columns[inside] - first - j[0]] = values[inside]
-        CE.destroy()
-        return np.linalg.inv(s.projector @ blocks @ s.projector + self._free)
+            CT = C.matMult(s.T)
+            C.axpy(1.0, CT)
+            CT.destroy()
+        indptr, columns, values = C.getDiagonalBlock().getValuesCSR()
+        rows = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
+        own = rows // 3 == columns // 3
+        rows, columns = rows[own], columns[own]
+        blocks = np.zeros_like(Pi)
+        blocks[rows // 3, rows % 3, columns % 3] = values[own]
+        C.destroy()
+        return np.linalg.inv(Pi @ blocks @ Pi + self._free)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Approximate solution y of the condensed system for the right-hand side x."""
-        s, E = self._s, self._E
+        s, e = self._s, self._e
         r = x.array_r
-        r_c = np.zeros(s.C_z.getLocalSize()[0])
-        r_c[s.active] = r[s.own] / self._row_scale
+        r_c = np.zeros(len(r))
+        r_c[s.own] = r[s.own] / self._scale[s.own]
         r_c = r_c.reshape(-1, 3)
         # Motions in the directions of the constraints
-        along = np.einsum("nij,nj->ni", s.projector, r_c)
-        move = np.einsum("nij,njk,nk->ni", s.projector, self._blocks, along).ravel()
-        step = sparse.product(E, move)
+        step = np.einsum("nij,njk,nkl,nl->ni", e.constrained, self._blocks, e.constrained, r_c)
+        step = step.ravel()
         if s.T is not None:
             step += sparse.product(s.T, step)
 
         # Equilibrium of what is not constrained: the rows of S hold that of their own nodes
-        diagonal = np.zeros(len(move))
-        diagonal[s.active] = s.diagonal
-        across = -diagonal * np.einsum("nij,nj->ni", self._free, r_c).ravel()
-        moved = sparse.product_transposed(s.B_tilde, self._D_inverse * across)
+        across = -e.weight * np.einsum("nij,nj->ni", self._free, r_c).ravel()
+        moved = sparse.product_transposed(s.B_tilde, sparse.product(e.L, across))
         moved[s.own] = 0.0  # without the own entries of B̃
         rho, w = s.K.createVecLeft(), s.K.createVecRight()
         rho.array[:] = r
-        rho.array[s.own] = across[s.active]
+        rho.array[s.own] = across[s.own]
         rho.array[:] += moved
         rho.array[s.fixed] *= self._mean
         self._inner.apply(rho, w)

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import csr_matrix
 
 
 def empty(comm, rows: int, columns: int) -> PETSc.Mat:
@@ -48,6 +50,42 @@ def selection(
         csr=(indptr, (first + j).astype(PETSc.IntType), values),
         comm=comm,
     )
+
+
+def local_entries(
+    comm,
+    rows: int,
+    columns: int,
+    i: npt.NDArray[np.integer],
+    j: npt.NDArray[np.integer],
+    values: npt.NDArray[np.float64],
+) -> PETSc.Mat:
+    """Matrix of local sizes (rows, columns) with entries in the rank's own columns only.
+
+    Args:
+        comm: Communicator.
+        rows: Local number of rows.
+        columns: Local number of columns.
+        i, j: Local rows and columns; values of equal ones are added.
+        values: Entries.
+    """
+    first = comm.exscan(columns) or 0
+    A = csr_matrix((values, (i, j)), shape=(rows, columns))
+    A.sum_duplicates()
+    return PETSc.Mat().createAIJ(
+        ((rows, None), (columns, None)),
+        csr=(
+            A.indptr.astype(PETSc.IntType),
+            (first + A.indices).astype(PETSc.IntType),
+            A.data,
+        ),
+        comm=comm,
+    )
+
+
+def any_rank(comm, value: bool) -> bool:
+    """Whether a value is true on any rank. Collective."""
+    return comm.allreduce(bool(value), op=MPI.LOR)
 
 
 def left(A: PETSc.Mat, values: npt.NDArray[np.float64]) -> PETSc.Vec:
