@@ -30,7 +30,7 @@ from . import cpp, sparse
 from .elimination import Elimination, eliminate
 from .errors import ConvergenceError
 from .linearisation import NewtonSystem
-from .reduced import CondensedOperator, ReducedPreconditioner
+from .reduced import SINGULAR, CondensedOperator, ReducedPreconditioner
 
 
 class LinearSolver:
@@ -90,13 +90,19 @@ class LinearSolver:
         reason = self.ksp.getConvergedReason()
         names = {getattr(reasons, k): k for k in dir(reasons) if k.startswith("DIVERGED")}
         text = f"The linear solver failed ({names.get(reason, reason)}"
+        if reason == reasons.DIVERGED_PCSETUP_FAILED or self.ksp.getType() == "preonly":
+            return f"{text}): {SINGULAR}"
+        text += f" after {self.ksp.getIterationNumber()} iterations of {self.ksp.getType()}"
         if reason == reasons.DIVERGED_MAX_IT:
             return (
-                f"{text} after {self.ksp.getIterationNumber()} iterations): allow more "
-                "(ksp_max_it), or choose another preconditioner (pc_type)."
+                f"{text}): allow more (ksp_max_it), or choose another preconditioner (pc_type)."
             )
-        other = "" if self._reduced is None else ", or the preconditioner does not fit"
-        return f"{text}): a body may not be held, check the Dirichlet conditions{other}."
+        # An iteration that stagnates does not tell whether the system or the solver is to blame
+        return (
+            f"{text}): the solver does not fit the system. Choose another preconditioner (pc_type) "
+            "or iteration (ksp_type), or leave both options out: a direct solver tells whether "
+            "the system itself is singular."
+        )
 
     # -- Saddle point ---------------------------------------------------------
 

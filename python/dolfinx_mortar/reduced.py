@@ -11,7 +11,11 @@ import numpy.typing as npt
 
 from . import cpp, sparse
 from .elimination import Elimination
+from .errors import ConvergenceError
 from .linearisation import NewtonSystem
+
+#: What to say of a factorisation that fails
+SINGULAR = "the system is singular. A body may not be held: check the Dirichlet conditions."
 
 
 class CondensedOperator:
@@ -55,7 +59,8 @@ class ReducedPreconditioner:
 
     On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what ``inner``
     inverts. Motions in the directions of the constraints follow from the constraints, node by
-    node.
+    node. Dirichlet dofs are outside of all this: their rows are unit rows of the condensed system,
+    and of the preconditioner too.
 
     Args:
         comm: Communicator.
@@ -96,6 +101,9 @@ class ReducedPreconditioner:
         self._inner.setFromOptions()
         self._inner.setUp()
         A.destroy()
+        # PETSc leaves it to the caller to ask
+        if sparse.any_rank(self._comm, bool(self._inner.getFailedReason())):
+            raise ConvergenceError(f"The preconditioner could not be set up: {SINGULAR}")
         self._blocks = self._invert_constraints()
 
     def _form_W(self) -> PETSc.Mat:
@@ -175,7 +183,9 @@ class ReducedPreconditioner:
         rho.array[:] = r
         rho.array[s.own] = across[s.own]
         rho.array[:] += moved
-        rho.array[s.fixed] *= self._mean
+        # Where Dirichlet dofs meet the contact, as at planes of symmetry, `moved` is their reaction
+        rho.array[s.fixed] = 0.0
         self._inner.apply(rho, w)
         self._W.multAdd(w, w, y)
         y.array[:] += step
+        y.array[s.fixed] = r[s.fixed]

@@ -1,0 +1,96 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Iterations of Krylov solvers where Dirichlet conditions meet the contact.
+
+On planes of symmetry, components of slave and of master nodes are prescribed. That must not cost
+iterations: a part that is cut off by such planes takes hardly more than the whole does.
+"""
+
+import dolfinx_mortar as dm
+import numpy as np
+import pytest
+from mirrored import model, punch
+from press_fit import press_fit
+
+PRECONDITIONERS = ("cholesky", "gamg")
+FRICTION = {"frictionless": {}, "friction": {"friction": 0.3}}
+
+
+def iterations(problem, solve):
+    """Numbers of iterations of the Krylov solver in those of Newton's method."""
+    counts = []
+
+    def count(ksp, iteration, norm):
+        if iteration == 0:
+            counts.append(0)
+        counts[-1] = iteration
+
+    problem._solver.ksp.setMonitor(count)
+    solve()
+    return counts
+
+
+def check(part, whole):
+    assert len(part) > 2
+    assert max(part) <= 1.5 * max(whole)
+    assert np.mean(part) <= 1.5 * np.mean(whole)
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+@pytest.mark.parametrize("friction", FRICTION)
+def test_punch(preconditioner, friction):
+    def count(planes):
+        kinds = [(dm.Contact, FRICTION[friction])]
+        solver = {"pc_type": preconditioner}
+        m = model(punch(("hex20", "hex8")), kinds, planes, petsc_options=solver)
+        return iterations(m.problem, lambda: m.press(0.08))
+
+    check(count((0, 1)), count(()))
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+@pytest.mark.parametrize("friction", FRICTION)
+def test_several_interfaces(preconditioner, friction):
+    """A second interface, tied or with friction, ends at the planes as well."""
+
+    def count(planes):
+        below = (dm.Contact, {"friction": 0.5}) if friction == "friction" else (dm.Tie, {})
+        kinds = [(dm.Contact, FRICTION[friction]), below]
+        solver = {"pc_type": preconditioner}
+        layers = punch(("hex8", "hex20"), base=True)
+        m = model(layers, kinds, planes, petsc_options=solver)
+        return iterations(m.problem, lambda: m.press(0.08))
+
+    check(count((0, 1)), count(()))
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+@pytest.mark.parametrize("friction", FRICTION)
+def test_press_fit(preconditioner, friction):
+    def count(quarter):
+        solver = {"pc_type": preconditioner}
+        p, _ = press_fit(quarter, 0.01, petsc_options=solver, **FRICTION[friction])
+        return iterations(p, p.solve)
+
+    check(count(True), count(False))
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+def test_same_solution_as_a_direct_solver(preconditioner):
+    """Prescribed components come out as they are prescribed, and all else as by LU."""
+    found = []
+    for solver in (None, {"pc_type": preconditioner, "ksp_rtol": 1e-12}):
+        kinds = [(dm.Contact, {"friction": 0.3})]
+        m = model(punch(("tet10", "hex8")), kinds, (0, 1), petsc_options=solver)
+        m.press(0.08)
+        found.append([*m.contact.force, *m.contact.master_force])
+    assert np.allclose(*found, rtol=1e-9, atol=0)
+
+
+def test_a_breakdown_is_not_blamed_on_the_supports():
+    """CG does not fit a system that is not symmetric; the model is held well."""
+    solver = {"ksp_type": "cg", "pc_type": "jacobi"}
+    m = model(punch(("hex8", "hex8")), [(dm.Contact, {})], (0, 1), petsc_options=solver)
+    with pytest.raises(dm.ConvergenceError, match="does not fit the system") as error:
+        m.press(0.08)
+    assert "held" not in str(error.value)
