@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from corner import corner
 from dolfinx_mortar.linearisation import linearise
+from mirrored import level, model, punch
 from scipy.sparse import bmat, csr_matrix
 
 pytestmark = pytest.mark.serial
@@ -201,3 +202,21 @@ def test_edges(state, pair, walls):
     assert (len(couplings["rows"]) > 0) == (state != "frictionless")
     assert np.sum(status != OPEN) > contact.num_owned / 2
     assert error < 1e-8
+
+
+@pytest.mark.parametrize("state", FRICTION)
+def test_planes_of_symmetry(state):
+    """Prescribed components at slave nodes: of displacements, normals and tractions."""
+    options = {"friction": FRICTION[state], "initial_active": "all", "c_n": 1e3, "c_t": 1e3}
+    layers = punch(("hex20", "tet10"))
+    layers[0].surfaces = (level(1), layers[0].surfaces[1])
+    layers[1].surfaces = (layers[1].surfaces[0], level(1))
+    m = model(layers, [(dm.Contact, options)], (0, 1))
+    p, contact = m.problem, m.contact
+    error, status = check(p, contact, random_state(p, contact, spread=1.0))
+    held = contact._fixed[: contact.num_owned].astype(bool)
+    # Where the planes meet a node can not slide
+    on_both = held[:, 0] & held[:, 1]
+    assert np.any(on_both) and np.any(held[:, 0] & ~on_both) and np.any(held[:, 1] & ~on_both)
+    expect(state, status[~on_both])
+    assert error < 1e-6
