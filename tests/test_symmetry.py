@@ -96,7 +96,7 @@ def test_part_of_the_whole(name, friction, elements):
 
 @pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
 def test_segments(multiplier):
-    """As segments are projected along normals of facets, these must lie in the plane of symmetry."""
+    """Segments are projected along normals of facets, which here lie in the plane of symmetry."""
     layers = punch(("hex20", "hex8"))
     layers[0].surfaces = (lambda x, y: 1 + 0.2 * y**2, layers[0].surfaces[1])
     layers[1].surfaces = (layers[1].surfaces[0], lambda x, y: 1 - 0.1 * y**2)

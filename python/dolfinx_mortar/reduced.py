@@ -50,8 +50,8 @@ class CondensedOperator:
 class ReducedPreconditioner:
     """Preconditioner of the condensed system by one of a symmetric system.
 
-    With Π the constrained directions of the nodes of S and Q the matrix that satisfies constraints at
-    their own nodes (``Elimination.solve_constraints``; Π D̃⁻¹ where a node has one multiplier),
+    With Π the constrained directions of the nodes of S and Q the matrix that satisfies constraints
+    at their own nodes (``Elimination.solve_constraints``; Π D̃⁻¹ where a node has one multiplier),
     motions without a change of the constraints are, but for the turning of normals, du = (I + W) w
     with
 
