@@ -6,9 +6,12 @@ On planes of symmetry, components of slave and of master nodes are prescribed. T
 iterations: a part that is cut off by such planes takes hardly more than the whole does.
 """
 
+import cases
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
+from blocks import NU, E
+from corner import corner
 from mirrored import model, punch
 from press_fit import press_fit
 
@@ -73,6 +76,18 @@ def test_press_fit(preconditioner, friction):
         return iterations(p, p.solve)
 
     check(count(True), count(False))
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+def test_edges(preconditioner):
+    """Contact on floor and walls costs hardly more than on a floor between planes of symmetry."""
+
+    def count(walls):
+        case = corner("hex20", "hex20", walls=walls, energy=cases.neo_hooke(E, NU))
+        p = cases.make_problem(case, petsc_options={"pc_type": preconditioner}).problem
+        return iterations(p, p.solve)
+
+    check(count(2), count(0))
 
 
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)

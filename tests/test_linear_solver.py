@@ -4,9 +4,12 @@
 
 from petsc4py import PETSc
 
+import cases
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
+from blocks import NU, E
+from corner import corner
 from pressed import pressed
 
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
@@ -37,6 +40,22 @@ def test_same_iterates_condensed_and_saddle_point(name):
     for a, b in zip(p.problem.history[:-1], q.problem.history[:-1], strict=True):
         # Rounding shows in residuals that are next to nothing
         assert np.isclose(a["force"], b["force"], rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize("walls", [1, 2])
+@pytest.mark.parametrize("friction", [None, 0.3], ids=["frictionless", "friction"])
+def test_same_iterates_at_edges(friction, walls):
+    """Slave nodes that stick and slide on several patches at once have several multipliers."""
+    histories = []
+    for condense in (True, False):
+        case = corner("hex8", "hex8", walls=walls, energy=cases.neo_hooke(E, NU))
+        problem = cases.make_problem(case, condense=condense, friction=friction).problem
+        problem.solve()
+        histories.append(problem.history)
+    states = [[(h["active"], h["stick"], h["slip"]) for h in hs] for hs in histories]
+    assert states[0] == states[1]
+    forces = [[h["force"] for h in hs[:-1]] for hs in histories]
+    assert np.allclose(*forces, rtol=1e-4, atol=1e-9)
 
 
 @pytest.mark.parametrize("preconditioner", ITERATIVE)

@@ -198,7 +198,7 @@ def _add_group(nodes: ActiveNodes, group: npt.NDArray, entries, weight, constrai
     total = d.sum(axis=1)
     weight[u] = np.where(flags, total[:, None], 0.0)
     C_z = _group_blocks(nodes, group)
-    solve, projection = _group_directions(nodes, group)
+    solve, projection, along = _group_directions(nodes, group)
     constrained[own // 3] = projection
     blocks = {
         "G": np.zeros((k, 3, 3 * m)),
@@ -215,7 +215,7 @@ def _add_group(nodes: ActiveNodes, group: npt.NDArray, entries, weight, constrai
         n = len(free)
         left = np.linalg.svd(S)[0][:, -n:].T
         # Rows that look at the normals of their own patches, and at no other direction twice
-        test = [np.outer(v, v) + np.eye(3) - projection[i] for v in nodes.normals[group[i]]]
+        test = [np.outer(v, v) + along[i] for v in nodes.normals[group[i]]]
         test = np.vstack([t[np.ix_(free, free)] for t in test])
         left = np.linalg.solve(left[:, : n * m] @ test, left)
         inverse = np.linalg.pinv(S)
@@ -250,10 +250,15 @@ def _group_blocks(nodes: ActiveNodes, group: npt.NDArray) -> npt.NDArray[np.floa
 
 def _group_directions(
     nodes: ActiveNodes, group: npt.NDArray
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Blocks of `solve_constraints`, shape (k, m, 3, 3), and projections, shape (k, 3, 3)."""
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Directions of the constraints of groups of nodes.
+
+    Returns:
+        Blocks of `solve_constraints`, shape (k, m, 3, 3); projections on the constrained
+        directions, shape (k, 3, 3); projections on those that are tangential to all patches.
+    """
     k, m = group.shape
-    solve, projection = np.zeros((k, m, 3, 3)), np.zeros((k, 3, 3))
+    solve, projection, along = np.zeros((k, m, 3, 3)), np.zeros((k, 3, 3)), np.zeros((k, 3, 3))
     for i, members in enumerate(group):
         free = nodes.flags[members[0]].astype(float)
         n = nodes.normals[members] * free
@@ -261,10 +266,11 @@ def _group_directions(
         projection[i] = dual.T @ n
         d = nodes.diagonal[members]
         solve[i] = dual[:, :, None] * n[:, None, :] / d[:, None, None]
+        along[i] = np.eye(3) - projection[i]
         if m == 2 and nodes.stick[members].all():
             # The law of friction along the edge is that of one patch
-            along = np.diag(free) - projection[i]
             lead = np.argmax(d)
-            solve[i, lead] += along / d[lead]
-            projection[i] += along
-    return solve, projection
+            stuck = np.diag(free) @ along[i]
+            solve[i, lead] += stuck / d[lead]
+            projection[i] += stuck
+    return solve, projection, along
