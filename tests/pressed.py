@@ -23,6 +23,7 @@ class Pressed:
     problem: dm.ContactProblem
     interface: dm.Interface
     top: fem.Constant
+    forms: list
 
     def move(self, x: float, z: float) -> int:
         """Prescribe the motion of the top and solve; number of Newton iterations."""
@@ -73,4 +74,4 @@ def pressed(
         petsc_options=petsc_options,
         condense=condense,
     )
-    return Pressed(problem, interface, top)
+    return Pressed(problem, interface, top, F)

@@ -150,6 +150,50 @@ def test_wrong_parts(case):
     )
 
 
+def test_tags_that_are_no_whole_numbers(case):
+    for tag in (1.0, "1", True, None):
+        fails(lambda tag=tag: dm.Tie(**parts(case, slave_tag=tag)), "slave", "whole number")
+    fails(lambda: dm.Tie(**parts(case, slave_tag=2**40)), "slave", "at most")
+
+
+def test_tags_of_another_type(case):
+    body = case.bodies[0]
+    facets = body.facet_tags.find(UPPER)
+    for dtype in (np.float64, np.int64, np.int8):
+        tags = mesh.meshtags(body.mesh, 2, facets, np.full(len(facets), UPPER, dtype))
+        p = parts(case)
+        p["facet_tags"] = tags, p["facet_tags"][1]
+        fails(lambda p=p: dm.Tie(**p), "slave", np.dtype(dtype).name, "int32")
+
+
+def test_things_that_are_no_spaces_or_tags(case):
+    p = parts(case)
+    wrong = p | {"V": tuple(b.mesh for b in case.bodies)}
+    fails(lambda: dm.Tie(**wrong), "FunctionSpace", "Mesh")
+    wrong = p | {"facet_tags": (p["facet_tags"][0], 3)}
+    fails(lambda: dm.Tie(**wrong), "master", "MeshTags", "int")
+    fails(lambda: dm.Tie(slave=[p["V"][0]], master=7), "slave", "(V, facet_tags, tag)")
+
+
+def test_relocation_of_a_contact(case):
+    fails(lambda: dm.relocate(dm.Contact(**parts(case))), "a Tie, not of a Contact")
+    fails(lambda: dm.relocate(dm.Tie(**parts(case)), limit=-1.0), "limit", "positive")
+    tie = dm.Tie(**parts(case))
+    problem(case, [tie])
+    fails(lambda: dm.relocate(tie), "before the problem")
+
+
+def test_normal_away_from_the_master():
+    """Contact would never be found, wherever the bodies are."""
+    case = two_cubes(gap=0.01, kind="contact")
+    for normal in ((0, 0, 1), (1, 0, 0), (1, 0, 0.5)):
+        contact = dm.Contact(**parts(case), geometry="reference", normal=normal)
+        fails(lambda c=contact: problem(case, [c]), "from the slave to the master", "-1")
+    for gap in (0.01, 20.0):
+        case = two_cubes(gap=gap, kind="contact")
+        problem(case, [dm.Contact(**parts(case), geometry="reference", normal=(0.5, 0, -1))])
+
+
 def test_tags_of_cells(case):
     body = case.bodies[0]
     tie = dm.Tie(
@@ -230,6 +274,11 @@ def test_forms_and_displacements(case):
         ({"quadrature_degree": 0}, "positive"),
         ({"search_distance": -1.0}, "positive"),
         ({"search_distance": np.nan}, "positive"),
+        ({"search_distance": "1"}, "positive"),
+        ({"quadrature_degree": 3.5}, "whole number"),
+        ({"quadrature_degree": 1000}, "30 at most"),
+        ({"multiplier": None}, "'dual'"),
+        ({"integration": ["segment"]}, "'element'"),
     ],
 )
 def test_wrong_option(case, options, word):
@@ -242,10 +291,21 @@ def test_wrong_option(case, options, word):
     [
         ({"friction": -0.1}, "negative"),
         ({"friction": np.nan}, "friction"),
+        ({"friction": np.inf}, "finite"),
+        ({"friction": "0.3"}, "number"),
+        ({"friction": [0.3]}, "number"),
+        ({"tresca": "1"}, "number"),
         ({"tresca": -1.0}, "negative"),
         ({"friction": 0.2, "tresca": 1.0}, "not both"),
         ({"c_n": 0.0}, "positive"),
         ({"c_t": -1.0}, "positive"),
+        ({"c_n": "1"}, "positive"),
+        ({"normal": (0, 0, -1)}, "geometry='reference'"),
+        ({"normal": (0, 0), "geometry": "reference"}, "three finite numbers"),
+        ({"normal": (0, 0, 0), "geometry": "reference"}, "three finite numbers"),
+        ({"normal": "down", "geometry": "reference"}, "three finite numbers"),
+        ({"feature_angle": 0}, "positive"),
+        ({"feature_angle": 200}, "180"),
         ({"geometry": "new"}, "'current'"),
         ({"initial_active": "some"}, "'none'"),
     ],

@@ -14,8 +14,10 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import cpp, sparse
-from .interfaces import COVERED, Interface, Part
+from . import agreement, arguments, cpp, sparse
+from .friction import Frictional
+from .interfaces import COVERED, Interface
+from .parts import Part
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -23,14 +25,16 @@ if TYPE_CHECKING:
 OPEN, STICK, SLIP = 0, 1, 2
 
 
-class Contact(Interface):
+class Contact(Frictional, Interface):
     r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
 
     Args:
         V, facet_tags, slave, master, multiplier, integration, quadrature_degree, search_distance:
             See :class:`Tie`.
-        friction: Coulomb's coefficient μ; None or 0 for frictionless contact.
-        tresca: Given bound of the tangential traction [traction] instead of μ z_n.
+        friction: Coulomb's coefficient μ; None or 0 for frictionless contact. A ``fem.Constant``
+            is read when a solve begins.
+        tresca: Given bound of the tangential traction [traction] instead of μ z_n; a number or a
+            ``fem.Constant``.
         c_n, c_t: Complementarity parameters [traction per length]. They change the path of the
             iteration, not its result; by default the stiffness of the slave nodes per area.
         geometry: ``"current"`` (finite deformation, everything linearised) or ``"reference"``
@@ -69,47 +73,43 @@ class Contact(Interface):
         **options: Any,
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
-        if friction is not None and not friction >= 0:
-            raise ValueError(f"friction (Coulomb's) is {friction}, but can not be negative.")
-        if tresca is not None and not tresca >= 0:
-            raise ValueError(f"Tresca's bound is {tresca}, but can not be negative.")
-        if friction and tresca is not None:
-            raise ValueError("Give either friction (Coulomb) or tresca, not both.")
-        for name, value in (("c_n", c_n), ("c_t", c_t)):
-            if value is not None and not value > 0:
-                raise ValueError(f"{name} must be positive [traction per length].")
-        if geometry not in ("current", "reference"):
-            raise ValueError(f"geometry is {geometry!r}, but must be 'current' or 'reference'.")
-        if not callable(initial_active) and initial_active not in ("gap", "none", "all"):
-            raise ValueError(
-                "initial_active must be 'gap', 'none', 'all' or a function of positions."
+        with agreement.alike(self._comm) as same:
+            self.friction, self.tresca = friction, tresca
+            arguments.positive("c_n", c_n, "a traction per length")
+            arguments.positive("c_t", c_t, "a traction per length")
+            arguments.choice("geometry", geometry, ("current", "reference"))
+            if not callable(initial_active) and initial_active not in ("gap", "none", "all"):
+                raise ValueError(
+                    f"initial_active is {initial_active!r}, but must be 'gap', 'none', 'all' or a "
+                    "function of positions."
+                )
+            self._normal = arguments.direction(normal)
+            if normal is not None and geometry != "reference":
+                raise ValueError("A given normal makes sense only with geometry='reference'.")
+            same.update(self._friction_arguments())
+            same["c_n"], same["c_t"], same["geometry"] = c_n, c_t, geometry
+            same["initial_active"] = (
+                "a function" if callable(initial_active) else initial_active
             )
-        if normal is not None and geometry != "reference":
-            raise ValueError("A given normal makes sense only with geometry='reference'.")
-        if normal is not None and not (np.shape(normal) == (3,) and np.linalg.norm(normal) > 0):
-            raise ValueError("normal must be three numbers, not all zero.")
-        if not 0 < feature_angle <= 180:
-            raise ValueError(
-                f"feature_angle is {feature_angle}, but must be an angle in degrees, above 0 and "
-                "not above 180."
-            )
+            same["normal"] = None if normal is None else self._normal.tolist()
+            arguments.positive("feature_angle", feature_angle, "of degrees")
+            if feature_angle > 180:
+                raise ValueError(f"feature_angle is {feature_angle}, but can not be above 180.")
+            same["feature_angle"] = feature_angle
         self._feature_angle = float(feature_angle)
-        self._normal = None if normal is None else np.asarray(normal) / np.linalg.norm(normal)
-        self.friction = float(friction or 0.0)
-        self.tresca = tresca
-        self.geometry = geometry
+        self._geometry = geometry
         self._c = (c_n, c_t)
         self._initial_active = initial_active
 
     @property
-    def is_frictional(self) -> bool:
-        """Tangential tractions are possible."""
-        return self.friction > 0 or self.tresca is not None
+    def geometry(self) -> str:
+        """The geometry that was chosen."""
+        return self._geometry
 
     # -- Called by the problem ---------------------------------------------------
 
-    def _surface(self, parts: list[Part], side: str) -> cpp.Surface:
-        surface = super()._surface(parts, side)
+    def _surface(self, pieces: list[Part], side: str) -> cpp.Surface:
+        surface = super()._surface(pieces, side)
         if side == "master":
             return surface
         surface = cpp.split_at_edges(surface, np.radians(self._feature_angle))
@@ -186,8 +186,8 @@ class Contact(Interface):
             self._c_t,
             np.ascontiguousarray(self._data.carries[:n]),
             np.ascontiguousarray(self._fixed[:n]),
-            self.friction,
-            self.tresca,
+            arguments.value(self._friction) or 0.0,
+            arguments.value(self._tresca),
             self._forced,
             damped,
             near,
@@ -230,6 +230,28 @@ class Contact(Interface):
                 f"No node of the slave surface (facet tag {self.slave[0].tag}) can carry a "
                 "contact traction: the displacements of all of them are prescribed, or they "
                 "belong to other interfaces as well. Let the other surface be the slave."
+            )
+
+    def _check_normal(self) -> None:
+        """Refuse a given normal that does not lead from the slave to the master. Collective.
+
+        Raises:
+            ValueError: It does not, by the slave's own normals where it faces the master.
+        """
+        if self._normal is None:
+            return
+        configuration = cpp.configure(self._data, *self._positions(None))
+        covered = cpp.integrate(self._data, configuration)["coverage"][: self.num_owned]
+        area = np.column_stack([covered, self._weights[: self.num_owned]])
+        own = self._layout.comm.allreduce(area.T @ configuration.normals[: self.num_owned])
+        # Surfaces that are far from each other do not face anything yet
+        mean = own[0] if own[0].any() else own[1]
+        mean = mean / max(np.linalg.norm(mean), 1e-300)
+        if mean @ self._normal < 0.1:
+            given, own = (np.array2string(v, precision=3) for v in (self._normal, mean))
+            raise ValueError(
+                f"normal is {given}, but the slave's own normal is about {own} where it faces the "
+                "master: give the direction from the slave to the master."
             )
 
     def _overlap(self) -> float:
@@ -288,7 +310,7 @@ class Contact(Interface):
         if choice == "all":
             closed = carries
         elif callable(choice):
-            closed = np.asarray(choice(self._surface_slave.X[:n].T), dtype=bool) & carries
+            closed = self._chosen(choice) & carries
         else:
             # Where surfaces touch, round-off must not choose among their nodes
             gap = self._nodal_gap()
@@ -302,6 +324,27 @@ class Contact(Interface):
                 closed |= carries & (gap <= max(nearest, 0.0) + 0.2 * size)
         state = np.where(closed, STICK if self.is_frictional else SLIP, OPEN)
         return state.astype(np.int8)
+
+    def _chosen(self, choice: Callable) -> npt.NDArray[np.bool_]:
+        """Owned slave nodes that a user's function chooses, shape (num_owned,). Collective.
+
+        Raises:
+            ValueError: The function does not return flags. What it raises itself comes through.
+        """
+        n = self.num_owned
+        flags = np.zeros(n, dtype=bool)
+        with agreement.alike(self._layout.comm):
+            if n > 0:
+                chosen = choice(self._surface_slave.X[:n].T.copy())
+                flags = np.asarray(chosen)
+                if flags.shape != (n,) or not np.isin(flags, (0, 1)).all():
+                    raise ValueError(
+                        "initial_active returned "
+                        f"{'None' if chosen is None else f'{flags.dtype} of shape {flags.shape}'}: "
+                        "for positions of shape (3, n) it must return n flags, True where a node "
+                        "is in contact."
+                    )
+        return flags.astype(bool)
 
     # -- Fields --------------------------------------------------------------------
 

@@ -86,6 +86,10 @@ class Coupling:
         """See the class."""
         return None if self._contact_pair is None else self._contact_pair[0]
 
+    def split(self, z: npt.NDArray[np.float64]) -> list[npt.NDArray[np.float64]]:
+        """Multipliers of the owned nodes of each contact, shape (num_owned, 3)."""
+        return [z[self.multipliers.slice(c)].reshape(-1, 3) for c in self.contacts]
+
     # -- Steps --------------------------------------------------------------------
 
     def set_parameters(self, diagonal: npt.NDArray[np.float64]) -> None:
@@ -326,6 +330,22 @@ class Coupling:
                 c._rescale()
             f_z[self.multipliers.slice(c)] = c._evaluate_law(damped=True).ravel()
         return f_z
+
+    def force_scale(self, stiffness: npt.NDArray) -> npt.NDArray[np.float64]:
+        """Factors that make forces of the constraints, shape (size_z,).
+
+        Args:
+            stiffness: Diagonal of the tangent, shape (size_u,).
+        """
+        scale = np.ones(self.multipliers.size)
+        for i in self.interfaces:
+            weight = np.repeat(np.abs(i._weights[: i.num_owned]), 3)
+            rows = self.multipliers.slice(i)
+            if isinstance(i, Contact):
+                scale[rows] = weight
+            else:
+                scale[rows] = stiffness[self.multipliers.own_dofs(i)] / weight
+        return scale
 
     def constraint_measure(self, f_z: npt.NDArray, z: npt.NDArray, length: float) -> float:
         """Largest violation of a constraint, relative to displacements or tractions. Collective.

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.common import Timer
 from dolfinx.mesh import MeshTags
 
-from . import cpp
+from . import agreement, arguments, cpp, parts
 
 if TYPE_CHECKING:
     from .layout import Layout
@@ -37,42 +37,8 @@ _INTEGRATIONS = {
 COVERED = 0.02
 
 
-class Part(NamedTuple):
-    """Tagged facets of one body."""
-
-    V: fem.FunctionSpace
-    tags: MeshTags
-    tag: int
-
-
-def _choose(name: str, value: str, options: dict[str, Any]) -> Any:
-    if value not in options:
-        raise ValueError(
-            f"{name} is {value!r}, but must be one of {', '.join(map(repr, options))}."
-        )
-    return options[value]
-
-
-def _parts(V: Any, facet_tags: Any, side: int, which: Any, name: str) -> list[Part]:
-    """Parts of a surface from the short and the long way to say it."""
-    if not isinstance(which, int | np.integer):
-        parts = [Part(*p) for p in which]
-        if not parts:
-            raise ValueError(f"The {name} surface has no parts.")
-        return parts
-    if V is None or facet_tags is None:
-        raise ValueError(
-            f"{name}={which} is a facet tag, so the interface needs a function space and facet "
-            "tags: Tie(V, facet_tags, slave=..., master=...)."
-        )
-    if isinstance(V, Sequence):
-        if len(V) != 2 or len(facet_tags) != 2:
-            raise ValueError(
-                "Two bodies need two spaces and two sets of facet tags: "
-                "Tie((V_slave, V_master), (tags_slave, tags_master), ...)."
-            )
-        V, facet_tags = V[side], facet_tags[side]
-    return [Part(V, facet_tags, int(which))]
+#: Largest degree of quadrature: 256 points on each triangle, far beyond what any facet needs
+MAX_DEGREE = 30
 
 
 class Interface:
@@ -98,27 +64,42 @@ class Interface:
         quadrature_degree: int | None = None,
         search_distance: float | None = None,
     ):
-        self.slave = _parts(V, facet_tags, 0, slave, "slave")
-        self.master = _parts(V, facet_tags, 1, master, "master")
-        for a in self.slave:
-            for b in self.master:
-                if a.tag == b.tag and a.tags is b.tags:
-                    raise ValueError(
-                        f"Slave and master are the same surface (facet tag {a.tag}): give the two "
-                        "sides of the interface different tags."
-                    )
-        self.multiplier_space = multiplier
-        self._space = _choose("multiplier", multiplier, _SPACES)
-        self._integration = _choose("integration", integration, _INTEGRATIONS)
-        if quadrature_degree is not None and quadrature_degree < 1:
-            raise ValueError("quadrature_degree must be positive.")
-        if search_distance is not None and not search_distance > 0:
-            raise ValueError("search_distance is a length and must be positive.")
+        if type(self) is Interface:
+            raise ValueError("An Interface alone has no condition: make a Tie or a Contact.")
+        with agreement.alike(parts.communicator(V, slave, master)) as same:
+            self.slave = parts.read(V, facet_tags, 0, slave, "slave")
+            self.master = parts.read(V, facet_tags, 1, master, "master")
+            for a in self.slave:
+                for b in self.master:
+                    if a.tag == b.tag and a.tags is b.tags:
+                        raise ValueError(
+                            f"Slave and master are the same surface (facet tag {a.tag}): give the "
+                            "two sides of the interface different tags."
+                        )
+            self._space = _SPACES[arguments.choice("multiplier", multiplier, _SPACES)]
+            self._integration = _INTEGRATIONS[
+                arguments.choice("integration", integration, _INTEGRATIONS)
+            ]
+            if quadrature_degree is not None:
+                arguments.whole("quadrature_degree", quadrature_degree, 1, MAX_DEGREE)
+            arguments.positive("search_distance", search_distance, "a length")
+            same["slave"] = [p.tag for p in self.slave]
+            same["master"] = [p.tag for p in self.master]
+            same["multiplier"], same["integration"] = multiplier, integration
+            same["quadrature_degree"] = quadrature_degree
+            same["search_distance"] = search_distance
+        self._comm = self.slave[0].V.mesh.comm
+        self._multiplier_space = multiplier
         self._degree = quadrature_degree
         self._search_distance = search_distance
         self._problem: ContactProblem | None = None
         #: Reference positions of local nodes where they differ from the mesh's (relocated ties)
         self._integration_positions: tuple[Any, Any] | None = None
+
+    @property
+    def multiplier_space(self) -> str:
+        """The multiplier space that was chosen."""
+        return self._multiplier_space
 
     # -- Set-up, called by the problem --------------------------------------
 
@@ -134,12 +115,12 @@ class Interface:
         self.num_nodes = self._surface_slave.num_nodes
         self.num_owned = self._surface_slave.num_owned
 
-    def _surface(self, parts: list[Part], side: str) -> cpp.Surface:
-        bodies = [self._layout.body(p.V) for p in parts]
+    def _surface(self, pieces: list[parts.Part], side: str) -> cpp.Surface:
+        bodies = [self._layout.body(p.V) for p in pieces]
         return cpp.create_surface(
-            [p.V._cpp_object for p in parts],
-            [p.tags._cpp_object for p in parts],
-            [p.tag for p in parts],
+            [p.V._cpp_object for p in pieces],
+            [p.tags._cpp_object for p in pieces],
+            [p.tag for p in pieces],
             side,
             [self._layout.blocks[b] for b in bodies],
             [self._layout.local_start(b) for b in bodies],

@@ -12,7 +12,7 @@ from dolfinx import fem, la
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from . import cpp
+from . import compat, cpp
 
 
 class Layout:
@@ -160,6 +160,13 @@ class Layout:
         for bc in bcs:
             flags[self.body_of_bc(bc)][bc.dof_indices()[0]] = 1
         return flags
+
+    def prescribed_values(self, bcs: Sequence[fem.DirichletBC]) -> npt.NDArray[np.float64]:
+        """Values of Dirichlet conditions at the owned dofs, else zero, shape ``(size_u,)``."""
+        values = [np.zeros(3 * n) for n in self.num_local]
+        for bc in bcs:
+            compat.set_bc_values(bc, values[self.body_of_bc(bc)])
+        return np.concatenate([v[: 3 * n] for v, n in zip(values, self.num_owned)])
 
     def body_of_bc(self, bc: fem.DirichletBC) -> int:
         """Index of the body that a Dirichlet condition is on."""

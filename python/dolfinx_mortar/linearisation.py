@@ -57,8 +57,8 @@ class NewtonSystem:
     tied: bool
 
     def destroy(self) -> None:
-        """Free what was made for this system alone; K, B and T are others'."""
-        sparse.destroy(self.K_c, self.C_u, self.C_z)
+        """Give up all matrices."""
+        sparse.destroy(self.K, self.K_c, self.B, self.B_tilde, self.T, self.C_u, self.C_z)
 
     def multiply(
         self, u: npt.NDArray[np.float64], z: npt.NDArray[np.float64]
@@ -76,7 +76,7 @@ def linearise(coupling: Coupling, K: PETSc.Mat, z: npt.NDArray[np.float64]) -> N
 
     Args:
         coupling: Interfaces.
-        K: Tangent of the bodies.
+        K: Tangent of the bodies; the system takes it over.
         z: Owned multipliers.
     """
     m = coupling.multipliers
@@ -108,9 +108,10 @@ def linearise(coupling: Coupling, K: PETSc.Mat, z: npt.NDArray[np.float64]) -> N
     return NewtonSystem(
         K=K,
         K_c=K_c,
-        B=coupling.B,
-        B_tilde=coupling.B_tilde,
-        T=m.T_minus_one,
+        # A line search forms these anew at other points, while this system is in use
+        B=sparse.share(coupling.B),
+        B_tilde=sparse.share(coupling.B_tilde),
+        T=sparse.share(m.T_minus_one),
         C_u=C_u,
         C_z=C_z,
         active=active,

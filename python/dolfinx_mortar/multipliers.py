@@ -154,6 +154,7 @@ class Multipliers:
             i._create_data(numbers, carries, fixed)
         for c in self.contacts:
             c._check_candidates()
+            c._check_normal()
 
     def _check_spaces(self, shared: npt.NDArray[np.bool_]) -> None:
         """Refuse different transformations of the same nodes. Collective.

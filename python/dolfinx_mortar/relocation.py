@@ -13,7 +13,7 @@ import numpy as np
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
-from . import sparse
+from . import agreement, arguments, sparse
 from .interfaces import Tie
 from .layout import Layout
 from .multipliers import Multipliers
@@ -45,6 +45,20 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     Raises:
         RuntimeError: A node would move further than ``limit`` allows; nothing has been moved.
     """
+    if not isinstance(tie, Tie):
+        raise ValueError(
+            f"relocate moves the slave nodes of a Tie, not of a {type(tie).__name__}: bodies in "
+            "contact have a gap that is meant."
+        )
+    with agreement.alike(tie._comm) as same:
+        same["limit"] = arguments.positive("limit", limit)
+        bcs = arguments.as_list(bcs)
+        same["number of bcs"] = len(bcs)
+        if tie._problem is not None:
+            raise ValueError(
+                "The tie is part of a ContactProblem already: relocate it before the problem is "
+                "made."
+            )
     spaces: list[fem.FunctionSpace] = []
     for part in [*tie.slave, *tie.master]:
         if part.V not in spaces:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import copy
+
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -134,6 +136,12 @@ def scale_columns(A: PETSc.Mat, factors: npt.NDArray) -> PETSc.Mat:
     A.diagonalScale(R=v)
     v.destroy()
     return A
+
+
+def share(A: PETSc.Mat | None) -> PETSc.Mat | None:
+    """The same matrix once more: it lives until both have been destroyed."""
+    # petsc4py's shallow copy is a new reference
+    return copy.copy(A)
 
 
 def destroy(*objects: PETSc.Object | None) -> None:

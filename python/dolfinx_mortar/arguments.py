@@ -1,0 +1,121 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Checks of what a user hands over, argument by argument."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+
+def as_list(x: Any) -> list:
+    """The items of a list or tuple, or the one item that x is."""
+    return list(x) if isinstance(x, list | tuple) else [x]
+
+
+def _is_number(value: Any) -> bool:
+    real = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    return real and bool(np.isfinite(value))
+
+
+def number(name: str, value: Any) -> float:
+    """A finite number.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if not _is_number(value):
+        raise ValueError(f"{name} is {value!r}, but must be a finite number.")
+    return float(value)
+
+
+def positive(name: str, value: Any, what: str = "") -> float | None:
+    """A positive number, or None.
+
+    Args:
+        name: Name of the argument.
+        value: What is given.
+        what: What the number is, with its unit.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if value is None:
+        return None
+    if not _is_number(value) or value <= 0:
+        raise ValueError(
+            f"{name} is {value!r}, but must be a positive number{what and f', {what}'}."
+        )
+    return float(value)
+
+
+def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
+    """A whole number within bounds.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if not isinstance(value, int | np.integer) or isinstance(value, bool):
+        raise ValueError(f"{name} is {value!r}, but must be a whole number.")
+    if value < low or (high is not None and value > high):
+        least = "positive" if low == 1 else f"{low} at least"
+        most = "" if high is None else f", and {high} at most"
+        raise ValueError(f"{name} is {value}, but must be {least}{most}.")
+    return int(value)
+
+
+def choice(name: str, value: Any, options: Iterable[str]) -> str:
+    """One of several words.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    options = list(options)
+    if not isinstance(value, str) or value not in options:
+        raise ValueError(
+            f"{name} is {value!r}, but must be one of {', '.join(map(repr, options))}."
+        )
+    return value
+
+
+def value(x: float | fem.Constant | None) -> float | None:
+    """The present value of a number or a constant."""
+    return float(x.value) if isinstance(x, fem.Constant) else x
+
+
+def bound(name: str, x: Any) -> float | fem.Constant | None:
+    """A finite number that is not negative, a constant whose value is one, or None.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if x is None:
+        return None
+    constant = isinstance(x, fem.Constant)
+    if constant and np.shape(x.value) != ():
+        raise ValueError(f"{name} is a Constant of shape {x.value.shape}, but must be a scalar.")
+    number_ = number(name, float(x.value) if constant else x)
+    if number_ < 0:
+        raise ValueError(f"{name} is {number_}, but can not be negative.")
+    return x if constant else number_
+
+
+def direction(normal: Any) -> npt.NDArray[np.float64] | None:
+    """A unit vector, or None.
+
+    Raises:
+        ValueError: It is something else.
+    """
+    if normal is None:
+        return None
+    try:
+        n = np.asarray(normal, dtype=np.float64)
+    except (TypeError, ValueError):
+        n = np.empty(0)
+    if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
+        raise ValueError(f"normal is {normal!r}, but must be three finite numbers, not all zero.")
+    return n / np.linalg.norm(n)

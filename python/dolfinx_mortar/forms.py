@@ -1,0 +1,179 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Forms of the bodies: what they must be, and what they are assembled into."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.common import Timer
+
+from . import compat, sparse
+from .layout import Layout
+
+#: Of forms with 0, 1 and 2 arguments
+_KINDS = ("a number, as an energy is", "linear", "bilinear")
+_CURES = {
+    ("F", 0): "Differentiate it: F = ufl.derivative(energy, u).",
+    ("F", 2): (
+        "F is the residual, linear in its TestFunction, in which the displacement u itself "
+        "stands and no TrialFunction: write inner(sigma(u), eps(v)) * dx - inner(f, v) * dx."
+    ),
+    ("J", 0): "Leave J out: by default it is the derivative of F.",
+    ("J", 1): "Leave J out: by default it is the derivative of F.",
+}
+
+
+def check_functions(functions: Sequence[Any]) -> None:
+    """Refuse displacements that are none.
+
+    Raises:
+        ValueError: Something else than functions on different spaces.
+    """
+    for u in functions:
+        if not isinstance(u, fem.Function):
+            raise ValueError(
+                f"u is a {type(u).__name__}, but must be a dolfinx.fem.Function, or a list with "
+                "one for each body."
+            )
+    spaces = [u.function_space._cpp_object for u in functions]
+    if any(V == W for k, V in enumerate(spaces) for W in spaces[:k]):
+        raise ValueError(
+            "Two displacements are on the same function space: give each mesh one displacement. "
+            "A mesh may hold several bodies."
+        )
+
+
+def check(name: str, forms: Sequence[Any], functions: Sequence[fem.Function]) -> list[str]:
+    """Refuse forms of another kind, number or space.
+
+    Args:
+        name: ``"F"`` or ``"J"``.
+        forms: What the user gave, one for each body.
+        functions: Displacement of each body.
+
+    Returns:
+        For each form, what is the same on all ranks.
+
+    Raises:
+        ValueError: The forms do not fit; the message says which and why.
+    """
+    if len(forms) != len(functions):
+        raise ValueError(
+            f"{name} has {len(forms)} forms for {len(functions)} displacements: each body "
+            "needs one of both."
+        )
+    return [_check_form(name, b, f, u) for b, (f, u) in enumerate(zip(forms, functions))]
+
+
+def _check_form(name: str, body: int, form: Any, u: fem.Function) -> str:
+    title = name if body == 0 else f"{name}[{body}]"
+    rank = 1 if name == "F" else 2
+    if isinstance(form, ufl.Form):
+        arguments = form.arguments()
+        spaces = [a.ufl_function_space() for a in arguments]
+        text = form.signature() if arguments else ""
+    elif isinstance(form, fem.Form):
+        spaces, text = form.function_spaces, "compiled"
+    else:
+        raise ValueError(
+            f"{title} is a {type(form).__name__}, but must be a UFL form: one for each body."
+        )
+    if len(spaces) != rank:
+        cure = _CURES.get((name, len(spaces)), "")
+        kind = _KINDS[len(spaces)] if len(spaces) < 3 else f"of rank {len(spaces)}"
+        raise ValueError(f"{title} is {kind}, but must be {_KINDS[rank]}. {cure}")
+    V = u.function_space
+    for W in spaces:
+        W = getattr(W, "_cpp_object", W)
+        if W != V._cpp_object:
+            what = "space" if W.mesh == V.mesh._cpp_object else "mesh"
+            raise ValueError(
+                f"{title} has a test or trial function of another {what} than its displacement: "
+                "make them of u.function_space, and name forms and displacements in the same "
+                "order."
+            )
+    if isinstance(form, ufl.Form):
+        functions = [c for c in form.coefficients() if isinstance(c, fem.Function)]
+        meshes = [f.function_space.mesh._cpp_object for f in functions]
+        meshes += [i.ufl_domain().ufl_cargo() for i in form.integrals()]
+        if any(m is not V.mesh._cpp_object for m in meshes):
+            raise ValueError(
+                f"{title} has functions or integrals of another mesh than its displacement: "
+                "interfaces couple bodies, forms do not."
+            )
+        if name == "F" and not any(f is u for f in functions):
+            raise ValueError(
+                f"{title} does not contain the displacement of its body: F is the residual, in "
+                "which the function u itself stands (and no TrialFunction)."
+            )
+    return text
+
+
+def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list[ufl.Form]:
+    """Derivatives of residuals by the displacements.
+
+    Raises:
+        ValueError: A form is compiled already.
+    """
+    if any(isinstance(f, fem.Form) for f in forms):
+        raise ValueError(
+            "F is compiled, so that it can not be differentiated any more: give the UFL form, or "
+            "give J as well."
+        )
+    return [
+        ufl.derivative(f, u, ufl.TrialFunction(u.function_space)) for f, u in zip(forms, functions)
+    ]
+
+
+class BodyForms:
+    """Residuals and tangents of the bodies, without what happens between them.
+
+    Args:
+        layout: Displacement dofs.
+        residuals, tangents: Forms of each body, by :func:`check`.
+        options: Passed on to ``fem.form``.
+    """
+
+    def __init__(
+        self, layout: Layout, residuals: Sequence, tangents: Sequence, options: dict[str, Any]
+    ):
+        self._layout = layout
+        self._residuals = [fem.form(f, **options) for f in residuals]
+        self._tangents = [fem.form(f, **options) for f in tangents]
+        self._matrices = [compat.create_matrix(f) for f in self._tangents]
+
+    def residual(self) -> npt.NDArray[np.float64]:
+        """Residual forces of the owned dofs at the present displacement, shape (size_u,)."""
+        parts = []
+        for form, blocks in zip(self._residuals, self._layout.num_owned):
+            vector = fem.assemble_vector(form)
+            vector.scatter_reverse(compat.INSERT_ADD)
+            parts.append(vector.array[: 3 * blocks])
+        return np.concatenate(parts)
+
+    def tangent(self) -> PETSc.Mat:
+        """Tangent at the present displacement; the caller destroys it. Collective.
+
+        With one body its values change with the next call.
+        """
+        with Timer("~mortar: assemble"):
+            for A, form in zip(self._matrices, self._tangents):
+                compat.assemble_matrix(A, form)
+        if len(self._matrices) == 1:
+            return sparse.share(self._matrices[0])
+        rows = [
+            [A if i == j else None for j in range(len(self._matrices))]
+            for i, A in enumerate(self._matrices)
+        ]
+        nest = PETSc.Mat().createNest(rows, comm=self._layout.comm)
+        K = nest.convert("aij", PETSc.Mat())
+        nest.destroy()
+        return K
