@@ -132,6 +132,16 @@ def test_another_type_after_construction():
     fails(lambda: p.move(0.0, -0.01), "'ksponly'", "'newtonls'")
 
 
+def test_one_linear_solve_for_ties():
+    """Small displacements need no second step."""
+    p = pressed(dm.Tie, petsc_options={"snes_type": "ksponly"})
+    q = pressed(dm.Tie)
+    p.move(0.0, -1e-8)
+    q.move(0.0, -1e-8)
+    assert p.norms()[0] > 0
+    assert p.norms() == pytest.approx(q.norms(), rel=1e-6)
+
+
 def test_interfaces_of_a_problem_that_was_refused_are_free():
     p = pressed(dm.Contact)
     u, bcs, old = p.problem.u, p.problem.bcs, p.interface

@@ -121,7 +121,7 @@ def check_changeable(problem: ContactProblem) -> None:
         ValueError: A coefficient of friction, or the SNES; or ranks differ.
     """
     with agreement.alike(problem.comm) as same:
-        newton.check_type(problem.snes)
+        newton.check_type(problem.snes, problem._coupling.has_contact)
         same["tolerances of snes"] = problem.snes.getTolerances()
         for k, contact in enumerate(problem._coupling.contacts):
             for name, value in contact._friction_arguments().items():

@@ -78,24 +78,25 @@ def _create_snes(problem: ContactProblem, prefix: str) -> tuple[PETSc.SNES, PETS
     pc.setType("python")
     pc.setPythonContext(_NewtonSolver(weakref.proxy(problem)))
     snes.setFromOptions()
-    check_type(snes)
+    check_type(snes, problem._coupling.has_contact)
     if PETSc.Options().hasName(prefix + "snes_monitor"):
         reference = weakref.ref(problem)
         snes.setMonitor(lambda *_: _print_sets(reference()))
     return snes, x
 
 
-def check_type(snes: PETSc.SNES) -> None:
+def check_type(snes: PETSc.SNES, has_contact: bool) -> None:
     """Refuse iterations that do not know what contact needs.
 
     Raises:
-        ValueError: The type is not Newton's iteration with a line search.
+        ValueError: The type is not Newton's iteration with a line search, nor the one linear solve
+            that bodies need which are linear and tied.
     """
-    if snes.getType() != "newtonls":
+    if snes.getType() != "newtonls" and (has_contact or snes.getType() != "ksponly"):
         raise ValueError(
             f"snes_type is {snes.getType()!r}, but must be 'newtonls', Newton's iteration with a "
             "line search: active sets settle in several such steps. To change the steps choose "
-            "snes_linesearch_type."
+            "snes_linesearch_type. Without contact a linear problem may have 'ksponly'."
         )
 
 

@@ -45,7 +45,8 @@ class ContactProblem:
         petsc_options_prefix: Prefix of PETSc options.
         petsc_options: PETSc options without the prefix: ``snes_*`` for Newton's iteration,
             ``ksp_*`` and ``pc_*`` for the condensed (or saddle point) system. Defaults: full
-            Newton steps and a sparse direct solver.
+            Newton steps and a sparse direct solver. They are in PETSc's database only while the
+            problem is made and solved.
         condense: Condense the multipliers (default where all are dual); False keeps a saddle
             point.
         form_compiler_options, jit_options: Passed on to ``fem.form``.
@@ -309,6 +310,10 @@ class ContactProblem:
                 nodes inside a master. The state is as before the call.
             RuntimeError: Bodies are deep inside each other when the first solve begins; or a
                 mesh, a displacement or the Dirichlet dofs are not those of the problem any more.
+            ValueError: Friction has been changed to what it can not be, or ranks differ.
+
+        What a function of the user raises, and KeyboardInterrupt, comes through on all ranks; the
+        state is then as before the call, too.
         """
         with agreement.alike(self.comm) as same:
             same["adaptive"] = "given" if adaptive is not None else None
