@@ -3,10 +3,13 @@
 
 #pragma once
 
+#include <cstdint>
 #include <initializer_list>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <span>
+#include <stdexcept>
+#include <string>
 #include <vector>
 
 namespace dolfinx_mortar_wrappers
@@ -19,6 +22,31 @@ template <typename T>
 std::span<const T> span(const In<T>& a)
 {
   return {a.data(), a.size()};
+}
+
+/// Refuse an array of the wrong size: nothing is ever read beyond its end.
+/// @param[in] expected Number of values.
+template <typename Array>
+void check_size(const Array& a, std::size_t expected, const char* name)
+{
+  if (a.size() != expected)
+  {
+    throw std::invalid_argument(std::string(name) + " has "
+                                + std::to_string(a.size()) + " values, but "
+                                + std::to_string(expected) + " are needed.");
+  }
+}
+
+/// Refuse an index that is not in [0, size).
+inline void check_index(std::int64_t i, std::size_t size, const char* name)
+{
+  if (i < 0 or i >= static_cast<std::int64_t>(size))
+  {
+    throw nanobind::index_error((std::string(name) + " " + std::to_string(i)
+                                 + " is not in [0, " + std::to_string(size)
+                                 + ").")
+                                    .c_str());
+  }
 }
 
 /// Hand a vector over to Python without a copy

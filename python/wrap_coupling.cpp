@@ -29,6 +29,31 @@ std::vector<T> copy(const In<T>& a)
 }
 
 Mat null_or(std::optional<Mat> A) { return A ? *A : nullptr; }
+
+std::size_t num_slaves(const Interface& interface)
+{
+  return num_local_nodes(interface.slave);
+}
+
+/// Refuse a configuration of other surfaces.
+void check(const Interface& interface, const Configuration& c)
+{
+  if (c.x_slave.size() != 3 * num_slaves(interface)
+      or c.normals.n.size() != c.x_slave.size()
+      or c.x_master.size() != 3 * interface.master.numbers.size()
+      or c.candidates.offsets.size() != interface.slave.types.size() + 1)
+    throw std::invalid_argument("The configuration is of another interface.");
+}
+
+/// Refuse arrays of the wrong size.
+/// @param[in] columns Values of each of n nodes.
+template <typename T>
+void check_nodal(const std::optional<In<T>>& a, std::size_t n, int columns,
+                 const char* name)
+{
+  if (a)
+    check_size(*a, n * columns, name);
+}
 } // namespace
 
 void wrap_coupling(nb::module_& m)
@@ -42,22 +67,27 @@ void wrap_coupling(nb::module_& m)
              MultiplierSpace space, Integration integration,
              std::optional<int> degree, std::optional<double> search_distance,
              In<std::int64_t> multipliers, In<std::int8_t> carries,
-             In<std::int8_t> fixed, bool leave_distant)
+             In<std::int8_t> fixed, bool leave_distant, double max_angle)
           {
-            new (self) Interface{
-                slave,
-                master,
-                {space, integration, degree, leave_distant, search_distance},
-                copy(multipliers),
-                copy(carries),
-                std::vector<std::int8_t>(carries.size(), 0),
-                copy(fixed)};
+            const std::size_t n = num_local_nodes(slave);
+            check_size(multipliers, n, "multipliers");
+            check_size(carries, n, "carries");
+            check_size(fixed, 3 * n, "fixed");
+            new (self) Interface{slave,
+                                 master,
+                                 {space, integration, degree, max_angle,
+                                  leave_distant, search_distance},
+                                 copy(multipliers),
+                                 copy(carries),
+                                 std::vector<std::int8_t>(carries.size(), 0),
+                                 copy(fixed)};
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space"),
           nb::arg("integration"), nb::arg("degree").none(),
           nb::arg("search_distance").none(), nb::arg("multipliers"),
           nb::arg("carries"), nb::arg("fixed"),
-          nb::arg("leave_distant") = false)
+          nb::arg("leave_distant") = false,
+          nb::arg("max_angle") = IntegrationOptions().max_angle)
       .def_prop_rw(
           "carries",
           [](const Interface& self)
@@ -65,7 +95,11 @@ void wrap_coupling(nb::module_& m)
             return as_array(std::vector<std::int8_t>(self.carries),
                             {self.carries.size()});
           },
-          [](Interface& self, In<std::int8_t> v) { self.carries = copy(v); },
+          [](Interface& self, In<std::int8_t> v)
+          {
+            check_size(v, num_slaves(self), "carries");
+            self.carries = copy(v);
+          },
           nb::rv_policy::automatic,
           "Flags of local slave nodes that carry a multiplier")
       .def_prop_rw(
@@ -75,7 +109,11 @@ void wrap_coupling(nb::module_& m)
             return as_array(std::vector<std::int8_t>(self.positive),
                             {self.positive.size()});
           },
-          [](Interface& self, In<std::int8_t> v) { self.positive = copy(v); },
+          [](Interface& self, In<std::int8_t> v)
+          {
+            check_size(v, num_slaves(self), "positive");
+            self.positive = copy(v);
+          },
           nb::rv_policy::automatic,
           "Flags of local slave nodes with positive functions")
       .def_ro("slave", &Interface::slave)
@@ -90,7 +128,11 @@ void wrap_coupling(nb::module_& m)
             return as_array(std::vector<double>(self.normals.n),
                             {self.normals.n.size() / 3, 3});
           },
-          [](Configuration& self, In<double> n) { self.normals.n = copy(n); },
+          [](Configuration& self, In<double> n)
+          {
+            check_size(n, self.normals.n.size(), "normals");
+            self.normals.n = copy(n);
+          },
           nb::rv_policy::automatic, "Averaged normals, shape (n, 3)")
       .def_prop_ro("num_candidates", [](const Configuration& self)
                    { return self.candidates.facets.size(); });
@@ -98,7 +140,11 @@ void wrap_coupling(nb::module_& m)
   m.def(
       "configure",
       [](const Interface& interface, In<double> x_slave, In<double> x_master)
-      { return configure(interface, copy(x_slave), copy(x_master)); },
+      {
+        check_size(x_slave, 3 * num_slaves(interface), "x_slave");
+        check_size(x_master, 3 * interface.master.numbers.size(), "x_master");
+        return configure(interface, copy(x_slave), copy(x_master));
+      },
       nb::arg("interface"), nb::arg("x_slave"), nb::arg("x_master"),
       "Find what meets in a configuration. Collective.");
 
@@ -108,6 +154,7 @@ void wrap_coupling(nb::module_& m)
          std::optional<Mat> D, std::optional<Mat> M, std::optional<Mat> B,
          std::optional<Mat> B_tilde)
       {
+        check(interface, configuration);
         NodalIntegrals r
             = integrate(interface, configuration,
                         {null_or(D), null_or(M), null_or(B), null_or(B_tilde)});
@@ -125,6 +172,7 @@ void wrap_coupling(nb::module_& m)
         d["num_pairs"] = r.num_pairs;
         const std::size_t facets = r.facet_area.size();
         d["facet_area"] = as_array(std::move(r.facet_area), {facets});
+        d["lost"] = as_array(std::move(r.lost), {facets});
         d["num_orphans"] = r.num_orphans;
         d["orphan"] = r.orphan;
         return d;
@@ -141,6 +189,9 @@ void wrap_coupling(nb::module_& m)
          std::optional<Mat> gap, std::optional<Mat> gap_normal,
          std::optional<Mat> offset)
       {
+        check(interface, configuration);
+        check_size(z, 3 * num_slaves(interface), "z");
+        check_size(active, num_slaves(interface), "active");
         integrate_derivatives(interface, configuration, span(z), span(active),
                               {null_or(force), null_or(gap),
                                null_or(gap_normal), null_or(offset)});
@@ -155,7 +206,10 @@ void wrap_coupling(nb::module_& m)
   m.def(
       "differentiate_normals",
       [](const Interface& interface, const Configuration& configuration, Mat A)
-      { differentiate_normals(interface, configuration, A); },
+      {
+        check(interface, configuration);
+        differentiate_normals(interface, configuration, A);
+      },
       nb::arg("interface"), nb::arg("configuration"), nb::arg("A"),
       "Add the derivative of the averaged normals. Collective.");
 
@@ -163,6 +217,7 @@ void wrap_coupling(nb::module_& m)
       "nodal_weights",
       [](const Interface& interface, In<double> x)
       {
+        check_size(x, 3 * num_slaves(interface), "x");
         std::vector<double> w = nodal_weights(interface, span(x));
         const std::size_t n = w.size();
         return as_array(std::move(w), {n});
@@ -174,6 +229,8 @@ void wrap_coupling(nb::module_& m)
       "flag_positive",
       [](const Interface& interface, In<double> x, In<double> covered)
       {
+        check_size(x, 3 * num_slaves(interface), "x");
+        check_size(covered, interface.slave.types.size(), "covered");
         auto flags = flag_positive(interface, span(x), span(covered));
         const std::size_t n = flags.size();
         return as_array(std::move(flags), {n});
@@ -193,7 +250,10 @@ void wrap_coupling(nb::module_& m)
       {
         std::vector<RowSource> rows;
         for (std::int8_t s : span(sources))
+        {
+          check_index(s, 3, "source");
           rows.push_back(static_cast<RowSource>(s));
+        }
         return combine_rows(K, Delta, rows);
       },
       nb::rv_policy::take_ownership, nb::arg("K"), nb::arg("Delta"),
@@ -218,11 +278,28 @@ void wrap_coupling(nb::module_& m)
          std::optional<In<std::int8_t>> near,
          std::optional<In<std::int64_t>> blocks)
       {
+        const std::size_t num = carries.size();
+        check_size(z, 3 * num, "z");
+        check_size(normal, 3 * num, "normal");
+        check_size(gap, num, "gap");
+        check_nodal(motion, num, 3, "motion");
+        check_nodal(scale, num, 1, "scale");
+        check_size(c_n, num, "c_n");
+        check_size(c_t, num, "c_t");
+        check_size(fixed, 3 * num, "fixed");
+        check_nodal(forced, num, 1, "forced");
+        check_nodal(near, num, 1, "near");
+        check_nodal(blocks, num, 1, "blocks");
+        if ((friction > 0 or bound) and !(motion and scale))
+          throw std::invalid_argument("Friction needs motion and scale.");
         std::vector<Status> states;
         if (forced)
         {
           for (std::int8_t s : span(*forced))
+          {
+            check_index(s, 3, "state");
             states.push_back(static_cast<Status>(s));
+          }
         }
         ContactResidual r = contact_residual(
             {span(z), span(normal), span(gap),

@@ -31,11 +31,33 @@ auto matrix(const Eigen::MatrixBase<Derived>& A)
       {static_cast<std::size_t>(B.rows()), static_cast<std::size_t>(B.cols())});
 }
 
+void check_orientation(int orientation)
+{
+  if (orientation != 1 and orientation != -1)
+    throw std::invalid_argument("The orientation of a facet is 1 or -1.");
+}
+
 FacetView facet_view(FacetType type, int orientation, In<double> x)
 {
-  if (x.size() != static_cast<std::size_t>(3 * num_nodes(type)))
-    throw std::invalid_argument("Positions do not match the facet type.");
+  check_size(x, 3 * num_nodes(type), "positions");
+  check_orientation(orientation);
   return {type, orientation, span(x)};
+}
+
+/// Flags of the nodes of a facet, or none.
+std::span<const std::int8_t>
+flags_or_none(const std::optional<In<std::int8_t>>& flags, FacetType type)
+{
+  if (!flags)
+    return {};
+  check_size(*flags, num_nodes(type), "positive");
+  return span(*flags);
+}
+
+void check_polygon(std::size_t size)
+{
+  if (size != 3 and size != 4)
+    throw std::invalid_argument("A polygon has three or four corners.");
 }
 
 nb::dict points_dict(PairPoints& p, int width)
@@ -115,10 +137,7 @@ void wrap_facets(nb::module_& m)
       "transformation",
       [](MultiplierSpace s, FacetType t,
          std::optional<In<std::int8_t>> positive)
-      {
-        return matrix(transformation(
-            s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
-      },
+      { return matrix(transformation(s, t, flags_or_none(positive, t))); },
       nb::arg("space"), nb::arg("type"),
       nb::arg("positive").none() = nb::none(),
       "Basis transformation T of a facet.");
@@ -127,8 +146,7 @@ void wrap_facets(nb::module_& m)
       [](MultiplierSpace s, FacetType t,
          std::optional<In<std::int8_t>> positive)
       {
-        return matrix(inverse_transformation(
-            s, t, positive ? span(*positive) : std::span<const std::int8_t>()));
+        return matrix(inverse_transformation(s, t, flags_or_none(positive, t)));
       },
       nb::arg("space"), nb::arg("type"),
       nb::arg("positive").none() = nb::none(),
@@ -141,6 +159,8 @@ void wrap_facets(nb::module_& m)
       [](const std::vector<std::array<double, 2>>& slave,
          const std::vector<std::array<double, 2>>& master, double tol)
       {
+        check_polygon(slave.size());
+        check_polygon(master.size());
         ClipPolygon p = clip(slave, master, tol);
         std::vector<double> x;
         for (int i = 0; i < p.size; ++i)
@@ -154,20 +174,22 @@ void wrap_facets(nb::module_& m)
       "pair_points",
       [](FacetType slave_type, int slave_orientation, In<double> slave,
          FacetType master_type, int master_orientation, In<double> master,
-         Integration integration, int degree, bool derivatives)
+         Integration integration, int degree, bool derivatives,
+         double max_angle)
       {
+        const AngleLimits limits(max_angle);
         const FacetView s = facet_view(slave_type, slave_orientation, slave);
         const FacetView t = facet_view(master_type, master_orientation, master);
         std::array<PairPoints, 1> p;
         if (integration == Integration::segment)
-          append_segment_points(s, t, create_rule(3, degree), derivatives,
-                                p[0]);
+          append_segment_points(s, t, create_rule(3, degree), limits,
+                                derivatives, p[0]);
         else
         {
           std::array<FacetView, 1> masters = {t};
           append_element_points(s, masters,
                                 create_rule(num_corners(slave_type), degree),
-                                derivatives, p);
+                                limits, derivatives, p);
         }
         return points_dict(
             p[0], 3 * (num_nodes(slave_type) + num_nodes(master_type)));
@@ -175,6 +197,7 @@ void wrap_facets(nb::module_& m)
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
       nb::arg("master_type"), nb::arg("master_orientation"), nb::arg("master"),
       nb::arg("integration"), nb::arg("degree"), nb::arg("derivatives"),
+      nb::arg("max_angle") = IntegrationOptions().max_angle,
       "Quadrature points of a pair of facets.");
 
   m.def(
@@ -184,30 +207,44 @@ void wrap_facets(nb::module_& m)
          const std::vector<FacetType>& types, In<std::int8_t> orientation,
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
-         Derivatives derivatives, std::optional<In<std::int8_t>> positive)
+         Derivatives derivatives, std::optional<In<std::int8_t>> positive,
+         double max_angle)
       {
+        const std::size_t n = num_nodes(slave_type);
+        check_size(normals, 3 * n, "normals");
+        check_size(carries, n, "carries");
+        check_size(z, 3 * n, "z");
+        check_size(orientation, types.size(), "master_orientation");
+        for (std::int8_t o : span(orientation))
+          check_orientation(o);
         FacetList list;
         list.types = types;
         list.orientation.assign(orientation.data(),
                                 orientation.data() + orientation.size());
         for (FacetType t : types)
           list.offsets.push_back(list.offsets.back() + num_nodes(t));
+        check_size(blocks, list.offsets.back(), "master_blocks");
+        check_size(x, 3 * list.offsets.back(), "masters");
         list.blocks.assign(blocks.data(), blocks.data() + blocks.size());
         list.x.assign(x.data(), x.data() + x.size());
         std::vector<std::int32_t> masters(types.size());
         for (std::size_t i = 0; i < masters.size(); ++i)
           masters[i] = i;
-        FacetIntegrator integrator(
-            {.space = space, .integration = integration, .degree = degree});
+        IntegrationOptions options;
+        options.space = space;
+        options.integration = integration;
+        options.degree = degree;
+        options.max_angle = max_angle;
+        FacetIntegrator integrator(options);
         const FacetIntegrals& r = integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
-            span(carries),
-            positive ? span(*positive) : std::span<const std::int8_t>(),
-            span(z), list, masters, derivatives);
+            span(carries), flags_or_none(positive, slave_type), span(z), list,
+            masters, derivatives);
         nb::dict d;
         d["covered"] = r.covered;
         d["area"] = r.area;
         d["dropped_area"] = r.dropped_area;
+        d["lost"] = r.lost;
         if (!r.covered)
           return d;
         d["master_blocks"] = std::vector<std::int64_t>(r.master_blocks);
@@ -234,5 +271,6 @@ void wrap_facets(nb::module_& m)
       nb::arg("master_blocks"), nb::arg("masters"), nb::arg("space"),
       nb::arg("integration"), nb::arg("degree").none(), nb::arg("derivatives"),
       nb::arg("positive").none() = nb::none(),
+      nb::arg("max_angle") = IntegrationOptions().max_angle,
       "Mortar integrals of one slave facet, see FacetIntegrator.");
 }

@@ -80,7 +80,7 @@ void scatter(nb::module_& m)
   m.def(
       "scatter_forward", [](const Surface& s, InOut<T> a)
       { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
-      nb::arg("surface"), nb::arg("values"),
+      nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
@@ -88,7 +88,7 @@ void scatter(nb::module_& m)
       {
         scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
       },
-      nb::arg("surface"), nb::arg("values"),
+      nb::arg("surface"), nb::arg("values").noconvert(),
       "Add the values of ghosts to those of their owners. Collective.");
 }
 } // namespace
@@ -124,7 +124,14 @@ void wrap_surface(nb::module_& m)
       {
         std::vector<FacetType> t;
         for (std::int8_t type : span(types))
+        {
+          check_index(type, num_facet_types, "facet type");
           t.push_back(static_cast<FacetType>(type));
+        }
+        int num_ranks;
+        MPI_Comm_size(MPI_Comm_f2c(comm), &num_ranks);
+        for (std::int32_t owner : span(block_owners))
+          check_index(owner, num_ranks, "owner");
         return create_surface(
             MPI_Comm_f2c(comm), std::move(t), span(facet_blocks),
             {orientation.data(), orientation.data() + orientation.size()},
@@ -168,6 +175,10 @@ void wrap_surface(nb::module_& m)
          const std::vector<std::int32_t>& first_blocks)
       {
         std::vector<SurfacePart> parts;
+        if (tags.size() != V.size() or tag.size() != V.size()
+            or block_numbers.size() != V.size()
+            or first_blocks.size() != V.size())
+          throw std::invalid_argument("Each part needs one of everything.");
         for (std::size_t i = 0; i < V.size(); ++i)
         {
           parts.push_back(tagged_part(*V[i], *tags[i], tag[i], side,
@@ -212,9 +223,13 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("u"),
       "Positions X + u, shape (num_nodes, 3). Collective.");
   m.def(
-      "check_areas", [](const Surface& s, In<double> x, const std::string& name)
-      { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
-      nb::arg("name") = "surface",
+      "check_areas",
+      [](const Surface& s, In<double> x, const std::string& name)
+      {
+        check_size(x, 3 * s.numbers.size(), "x");
+        check_areas(s, span(x), name);
+      },
+      nb::arg("surface"), nb::arg("x"), nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
 
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
@@ -234,6 +249,12 @@ void wrap_surface(nb::module_& m)
       [](const Surface& s, In<double> x, std::optional<In<std::int8_t>> fixed,
          const Normals& normals, std::int32_t f)
       {
+        const std::size_t size = 3 * s.numbers.size();
+        check_index(f, s.types.size(), "facet");
+        check_size(x, size, "x");
+        check_size(normals.n, size, "normals");
+        if (fixed)
+          check_size(*fixed, size, "fixed");
         const std::size_t n = 3 * facet_nodes(s, f).size();
         std::vector<double> dn(n * n);
         normal_derivative(s, span(x),

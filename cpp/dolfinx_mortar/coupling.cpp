@@ -1,8 +1,8 @@
 // Copyright (C) 2026 the dolfinx_mortar developers
 // SPDX-License-Identifier: MIT
 
-#include "coupling.h"
 #include "block_accumulator.h"
+#include "coupling.h"
 #include "error.h"
 #include "integrals.h"
 #include "patches.h"
@@ -141,6 +141,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   std::vector<double> nodal(8 * num, 0.0);
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
+  out.lost.resize(s.types.size(), 0.0);
   BlockAccumulator<1, 1> D, M, B, B_tilde;
   std::vector<std::int64_t> rows, columns;
   for_each_facet(interface, configuration, z, {}, Derivatives::none,
@@ -148,6 +149,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
                      const FacetIntegrals& r)
                  {
                    out.dropped_area += r.dropped_area;
+                   out.lost[f] = r.lost;
                    if (r.orphan)
                    {
                      if (out.num_orphans++ == 0)

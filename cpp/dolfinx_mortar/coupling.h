@@ -99,8 +99,13 @@ struct NodalIntegrals
   /// Weighted relative position ∫ Φ_j (x⁽¹⁾ - x⁽²⁾∘P), shape (n, 3)
   std::vector<double> offset;
 
-  /// Covered area, and area left out as slivers, of the facets of this rank
+  /// Covered area, and area of overlaps left out (see PairPoints), of the
+  /// facets of this rank
   double area = 0, dropped_area = 0;
+
+  /// Share of each facet of this rank that is left out and that no other master
+  /// covers, shape (num_facets)
+  std::vector<double> lost;
 
   /// Non-zero for nodes on whose facets some point is nearly in contact. The
   /// weighted gap of other nodes can be negative all the same, as Φ is in

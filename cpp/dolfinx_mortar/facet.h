@@ -21,8 +21,14 @@ enum class FacetType : std::int8_t
   quad9 = 4
 };
 
+/// Number of types.
+constexpr int num_facet_types = 5;
+
 /// Largest number of nodes of a facet.
 constexpr int max_facet_nodes = 9;
+
+/// Largest coordinate of a position: products of a few must not overflow.
+constexpr double largest_position = 1e75;
 
 /// @brief Number of nodes.
 constexpr int num_nodes(FacetType type)

@@ -19,13 +19,44 @@ constexpr double touching = 0.05;
 
 using ConstRowMap = Eigen::Map<const RowMatrix>;
 
-/// Facet f of a list.
-FacetView view(const FacetList& list, std::int32_t f)
+/// Positions relative to an origin, appended to `out`.
+void append_relative(std::span<const double> x,
+                     const std::array<double, 3>& origin,
+                     std::vector<double>& out)
 {
-  return {
-      list.types[f], list.orientation[f],
-      std::span(list.x).subspan(3 * list.offsets[f],
-                                3 * (list.offsets[f + 1] - list.offsets[f]))};
+  for (std::size_t i = 0; i < x.size(); ++i)
+  {
+    if (!(std::abs(x[i]) <= largest_position))
+    {
+      throw std::runtime_error(
+          "The position of a node of a slave or master facet is not finite "
+          "(NaN, infinite or beyond 1e75): the solver has diverged. Take a "
+          "smaller load step.");
+    }
+    out.push_back(x[i] - origin[i % 3]);
+  }
+}
+
+/// Mean of the positions of nodes.
+std::array<double, 3> centre(std::span<const double> x)
+{
+  std::array<double, 3> c = {0, 0, 0};
+  for (std::size_t i = 0; i < x.size(); ++i)
+    c[i % 3] += 3 * x[i] / x.size();
+  return c;
+}
+
+/// Area of a facet.
+double facet_area(const FacetView& f, const QuadratureRule& rule)
+{
+  SurfacePoint p;
+  double area = 0;
+  for (std::size_t q = 0; q < rule.weights.size(); ++q)
+  {
+    evaluate(f, {rule.points[2 * q], rule.points[2 * q + 1]}, 1, p);
+    area += rule.weights[q] * p.a1.cross(p.a2).norm();
+  }
+  return area;
 }
 
 /// Largest distance between two nodes of a facet.
@@ -69,6 +100,8 @@ FacetIntegrator::FacetIntegrator(const IntegrationOptions& options)
 {
   if (options.degree and *options.degree < 1)
     throw std::invalid_argument("quadrature_degree must be positive.");
+  if (!(options.max_angle > 0 and options.max_angle < 90))
+    throw std::invalid_argument("max_angle must be between 0 and 90 degrees.");
 }
 //-----------------------------------------------------------------------------
 const QuadratureRule& FacetIntegrator::rule(FacetType slave, FacetType master)
@@ -105,8 +138,13 @@ void FacetIntegrator::start(const FacetView& slave,
   _result.touches = false;
   _result.area = 0;
   _result.dropped_area = 0;
+  _result.lost = 0;
 
   _facet.slave = slave;
+  _facet.slave.origin = centre(slave.x);
+  _facet.x_slave.clear();
+  append_relative(slave.x, _facet.slave.origin, _facet.x_slave);
+  _facet.slave.x = _facet.x_slave;
   _facet.normals = normals;
   _facet.dual = is_dual(_options.space);
   _facet.n = num_nodes(slave.type);
@@ -119,6 +157,52 @@ void FacetIntegrator::leave_out()
   _result.master_blocks.clear();
 }
 //-----------------------------------------------------------------------------
+void FacetIntegrator::drop()
+{
+  _result.dropped_area += _result.area;
+  leave_out();
+  _result.lost = lost_share();
+}
+//-----------------------------------------------------------------------------
+void FacetIntegrator::copy_masters(const FacetList& list,
+                                   std::span<const std::int32_t> masters)
+{
+  std::vector<double>& x = _facet.x_masters;
+  x.clear();
+  for (std::int32_t f : masters)
+  {
+    const std::int32_t begin = list.offsets[f];
+    append_relative(
+        std::span(list.x).subspan(3 * begin, 3 * (list.offsets[f + 1] - begin)),
+        _facet.slave.origin, x);
+  }
+  // Views of `x`, which grows no more
+  _facet.masters.clear();
+  std::size_t at = 0;
+  for (std::int32_t f : masters)
+  {
+    const std::size_t size = 3 * (list.offsets[f + 1] - list.offsets[f]);
+    _facet.masters.push_back({list.types[f], list.orientation[f],
+                              std::span(x).subspan(at, size),
+                              _facet.slave.origin});
+    at += size;
+  }
+}
+//-----------------------------------------------------------------------------
+double FacetIntegrator::lost_share()
+{
+  if (_result.dropped_area == 0)
+    return 0;
+  const FacetType type = _facet.slave.type;
+  const int corners = num_corners(type), degree = 2 * total_degree(type);
+  auto [it, made] = _rules.try_emplace({corners, degree, 0});
+  if (made)
+    it->second = create_rule(corners, degree);
+  const double area = facet_area(_facet.slave, it->second);
+  return std::clamp(std::min(_result.dropped_area, area - _result.area) / area,
+                    0.0, 1.0);
+}
+//-----------------------------------------------------------------------------
 void FacetIntegrator::sample(const FacetList& list,
                              std::span<const std::int32_t> masters,
                              bool derivatives)
@@ -129,13 +213,10 @@ void FacetIntegrator::sample(const FacetList& list,
     _points.resize(num_pairs);
     _shapes.resize(num_pairs);
   }
-  std::vector<FacetView>& views = _facet.masters;
-  views.clear();
+  copy_masters(list, masters);
+  const std::vector<FacetView>& views = _facet.masters;
   for (std::size_t p = 0; p < num_pairs; ++p)
-  {
-    views.push_back(view(list, masters[p]));
     _points[p].clear();
-  }
 
   const FacetView& slave = _facet.slave;
   if (_options.integration == Integration::segment)
@@ -143,13 +224,15 @@ void FacetIntegrator::sample(const FacetList& list,
     for (std::size_t p = 0; p < num_pairs; ++p)
     {
       append_segment_points(slave, views[p], rule(slave.type, views[p].type),
-                            derivatives, _points[p]);
+                            AngleLimits(_options.max_angle), derivatives,
+                            _points[p]);
     }
   }
   else if (num_pairs > 0)
   {
     append_element_points(slave, views, rule(slave.type, views[0].type),
-                          derivatives, std::span(_points).first(num_pairs));
+                          AngleLimits(_options.max_angle), derivatives,
+                          std::span(_points).first(num_pairs));
   }
 }
 //-----------------------------------------------------------------------------
@@ -243,6 +326,8 @@ void FacetIntegrator::tabulate_fields(const FacetView& master, bool derivatives,
   out.field.rightCols<3>().noalias() -= out.Nm * xm;
   out.normal.noalias() = out.N * nodal;
   const Eigen::VectorXd length = out.normal.rowwise().norm();
+  if (!(length.minCoeff() > 1e-6))
+    throw_folded(_facet.slave, Vec3::Zero());
   out.normal.array().colwise() /= length.array();
   out.field.col(0) = -(out.normal.array() * out.field.rightCols<3>().array())
                           .rowwise()
@@ -320,7 +405,7 @@ bool FacetIntegrator::factorise()
   return !_facet.dual or _facet.chol.compute(_facet.S.leftCols(_facet.nl));
 }
 //-----------------------------------------------------------------------------
-void FacetIntegrator::weigh(std::span<const std::int8_t> carries)
+bool FacetIntegrator::weigh(std::span<const std::int8_t> carries)
 {
   FacetIntegrals& r = _result;
   const int nl = _facet.nl;
@@ -338,6 +423,8 @@ void FacetIntegrator::weigh(std::span<const std::int8_t> carries)
     // to round-off
     D.leftCols(nl).setZero();
     D.leftCols(nl).diagonal() = M.rowwise().sum();
+    if ((D.diagonal().head(nl).array() * _facet.mass.array() < 0).any())
+      return false;
     for (int j = 0; j < nl; ++j)
       r.diagonal[j] = carries[j] ? D(j, j) : 0.0;
   }
@@ -349,6 +436,7 @@ void FacetIntegrator::weigh(std::span<const std::int8_t> carries)
   const RowMatrix kept = X.transpose() * fields;
   r.gap = kept.col(0);
   r.offset = kept.rightCols<3>();
+  return true;
 }
 //-----------------------------------------------------------------------------
 const FacetIntegrals& FacetIntegrator::compute(
@@ -362,24 +450,27 @@ const FacetIntegrals& FacetIntegrator::compute(
   sample(list, masters, derive);
   number_masters(list, masters);
   if (_facet.pairs.empty())
+  {
+    _result.lost = lost_share();
     return _result;
+  }
 
   _facet.T = transformation(_options.space, slave.type, positive);
   _facet.T_inv = inverse_transformation(_options.space, slave.type, positive);
   const double nearest = integrate_products(derive);
-  _result.touches = nearest <= touching * diameter(slave);
+  _result.touches = nearest <= touching * diameter(_facet.slave);
   if (distant(nearest))
   {
+    _result.dropped_area = 0;
     leave_out();
     return _result;
   }
   if (!factorise())
   {
-    // Covered by a sliver that can not tell the functions apart
-    _result.dropped_area += _result.area;
-    leave_out();
+    drop();
     return _result;
   }
+  _result.lost = lost_share();
   _facet.X = extension(carries, _facet.nl);
   if (_facet.X.isZero(0))
   {
@@ -387,8 +478,12 @@ const FacetIntegrals& FacetIntegrator::compute(
     return _result;
   }
 
+  if (!weigh(carries))
+  {
+    drop();
+    return _result;
+  }
   _result.covered = true;
-  weigh(carries);
   if (derive)
     differentiate(z, derivatives);
   return _result;

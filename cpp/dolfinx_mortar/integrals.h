@@ -43,8 +43,11 @@ struct FacetIntegrals
   /// multiplier (then nothing else is set)
   bool orphan = false;
 
-  /// Covered area, area left out as slivers
+  /// Covered area; area of overlaps left out, see PairPoints
   double area = 0, dropped_area = 0;
+
+  /// Share of the facet's area that is left out and that no other master covers
+  double lost = 0;
 
   /// True where the gap of some point is below 5 % of the facet's diameter
   bool touches = false;
@@ -104,7 +107,8 @@ public:
   /// @param[in] masters Candidate master facets.
   /// @param[in] derivatives Derivatives to compute.
   /// @return Integrals, valid until the next call.
-  /// @throw std::runtime_error The facet is folded.
+  /// @throw std::runtime_error The facet is folded, or a position is not finite
+  /// or beyond 1e75.
   const FacetIntegrals&
   compute(const FacetView& slave, std::span<const double> normals,
           std::span<const std::int8_t> carries,
@@ -126,9 +130,11 @@ private:
     RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
   };
 
-  /// The slave facet at hand: what the parts of `compute` share
+  /// The slave facet at hand: what the parts of `compute` share. Positions are
+  /// relative to its centre, so that far from the origin no digits are lost.
   struct Facet
   {
+    std::vector<double> x_slave, x_masters; // positions of nodes
     FacetView slave = {};
     std::span<const double> normals; // of its nodes
     bool dual = false;               // Φ biorthogonal to Ñ
@@ -162,6 +168,16 @@ private:
 
   /// @brief Report the facet as one that no master covers.
   void leave_out();
+
+  /// @brief Leave out a sliver that can not tell the functions apart.
+  void drop();
+
+  /// @brief Copy the positions of all candidates.
+  void copy_masters(const FacetList& list,
+                    std::span<const std::int32_t> masters);
+
+  /// @brief What is lost for the part of the facet that is covered.
+  double lost_share();
 
   /// @brief Quadrature points of all pairs (γ_c, where the integrals of
   /// equations 3.5 to 3.7 are taken).
@@ -198,7 +214,8 @@ private:
 
   /// @brief D̃ and D = D̃ T⁻¹ (equations 3.5, 4.12), M (3.6), weighted gap
   /// (3.7) and offset.
-  void weigh(std::span<const std::int8_t> carries);
+  /// @return False where the signs of D̃ are lost in round-off.
+  bool weigh(std::span<const std::int8_t> carries);
 
   /// @brief Derivatives of Bᵀz (equation 3.4, z fixed), weighted gap and
   /// offset; after all others.

@@ -3,25 +3,13 @@
 
 #pragma once
 
-#include "facet.h"
+#include "projection.h"
 #include "quadrature.h"
 #include <span>
 #include <vector>
 
 namespace dolfinx_mortar
 {
-/// @brief A facet in its current position.
-struct FacetView
-{
-  FacetType type;
-
-  /// +1 where x,ξ₁ × x,ξ₂ points out of the body, -1 where it points into it
-  int orientation;
-
-  /// Positions of the nodes, shape (num_nodes, 3)
-  std::span<const double> x;
-};
-
 /// @brief Quadrature points of a pair of facets.
 ///
 /// At a point everything depends on the positions q of the nodes of the pair
@@ -43,7 +31,8 @@ struct PairPoints
   /// n_m)); empty unless asked for
   std::vector<double> d;
 
-  /// Area of parts of the overlap too small to integrate over
+  /// Area of parts of the overlap that are left out: slivers, masters that are
+  /// too steep, and points with no place on the master
   double dropped_area = 0;
 
   void clear()
@@ -59,35 +48,42 @@ struct PairPoints
 /// @brief Quadrature points on the overlap of a pair of facets (segments).
 ///
 /// Both facets are split into linear sub-facets. Each pair of sub-facets whose
-/// normals oppose is projected along the normal n₀ at the centre of the slave
-/// sub-facet and clipped, the polygon is cut into triangles, and each point of
-/// a triangle is mapped along n₀ to the *real* slave and the *real* master
-/// facet, x(ξ) = p + α n₀. Weights are those of the slave surface: plane area
-/// times |a₁ × a₂| / |(a₁ × a₂)·n₀| with the tangents a of the slave facet.
+/// normals oppose, up to an angle, is projected along the normal n₀ at the
+/// centre of the slave sub-facet and clipped, the polygon is cut into
+/// triangles, and each point of a triangle is mapped along n₀ to the *real*
+/// slave and the *real* master facet, x(ξ) = p + α n₀. Weights are those of the
+/// slave surface: plane area times |a₁ × a₂| / |(a₁ × a₂)·n₀| with the tangents
+/// a of the slave facet.
 ///
 /// @param[in] slave,master Facets.
 /// @param[in] rule Rule on the reference triangle.
+/// @param[in] limits Sub-facets and points of the master turned further than
+/// this are left out.
 /// @param[in] derivatives Also compute derivatives.
 /// @param[in,out] points Points are appended.
 /// @throw std::runtime_error A point can not be mapped to a facet, which is
 /// folded or inside out.
 void append_segment_points(const FacetView& slave, const FacetView& master,
-                           const QuadratureRule& rule, bool derivatives,
+                           const QuadratureRule& rule,
+                           const AngleLimits& limits, bool derivatives,
                            PairPoints& points);
 
 /// @brief Quadrature points of a slave facet projected on the nearest master
 /// facet along the slave facet's unit normal at the point.
 ///
 /// Cheaper than segments, but the integrand has kinks inside of the facet
-/// that the rule does not see. Points that hit no master are left out.
+/// that the rule does not see. Points that hit no master, or none but those
+/// that are too steep, are left out.
 ///
 /// @param[in] slave Slave facet.
 /// @param[in] masters Candidate master facets.
 /// @param[in] rule Rule on the reference facet of the slave.
+/// @param[in] limits Masters turned further than this are left out.
 /// @param[in] derivatives Also compute derivatives.
 /// @param[in,out] points One for each master; points are appended.
 void append_element_points(const FacetView& slave,
                            std::span<const FacetView> masters,
-                           const QuadratureRule& rule, bool derivatives,
+                           const QuadratureRule& rule,
+                           const AngleLimits& limits, bool derivatives,
                            std::span<PairPoints> points);
 } // namespace dolfinx_mortar

@@ -6,12 +6,21 @@
 #include <basix/cell.h>
 #include <basix/polyset.h>
 #include <basix/quadrature.h>
+#include <stdexcept>
+#include <string>
 
 using namespace dolfinx_mortar;
 
 //-----------------------------------------------------------------------------
 QuadratureRule dolfinx_mortar::create_rule(int num_corners, int degree)
 {
+  // Beyond that rules take more memory than sense
+  if (degree < 0 or degree > 100)
+  {
+    throw std::invalid_argument("The degree of quadrature is "
+                                + std::to_string(degree)
+                                + ", but must be between 0 and 100.");
+  }
   auto cell = num_corners == 3 ? basix::cell::type::triangle
                                : basix::cell::type::quadrilateral;
   auto rule = basix::quadrature::make_quadrature<double>(

@@ -20,7 +20,8 @@ struct QuadratureRule
 
 /// @brief Basix' default rule.
 /// @param[in] num_corners 3 for the triangle, 4 for the square.
-/// @param[in] degree Polynomial degree integrated exactly.
+/// @param[in] degree Polynomial degree integrated exactly, 0 to 100.
+/// @throw std::invalid_argument There is no such rule.
 QuadratureRule create_rule(int num_corners, int degree);
 
 /// @brief Degree that integrates Φ·N exactly on both sides, and the weighted

@@ -1,10 +1,10 @@
 // Copyright (C) 2026 the dolfinx_mortar developers
 // SPDX-License-Identifier: MIT
 
-#include "search.h"
 #include "boxes.h"
 #include "error.h"
 #include "mpi_exchange.h"
+#include "search.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -235,9 +235,12 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   {
     if (x.size() != 3 * s.numbers.size())
       message = "Positions need three values for each node of a surface.";
-    else if (!std::ranges::all_of(x, [](double v) { return std::isfinite(v); }))
-      message = "The position of a surface node is not finite (NaN or "
-                "infinite): the solver has diverged.";
+    else if (!std::ranges::all_of(x, [](double v)
+                                  { return std::abs(v) <= largest_position; }))
+    {
+      message = "The position of a surface node is not finite (NaN, infinite "
+                "or beyond 1e75): the solver has diverged.";
+    }
   };
   check(slave, x_slave);
   check(master, x_master);

@@ -16,7 +16,7 @@ from dolfinx.common import Timer
 
 from . import agreement, arguments, cpp, sparse
 from .friction import Frictional
-from .interfaces import COVERED, Interface
+from .interfaces import Interface
 from .parts import Part
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class Contact(Frictional, Interface):
     r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
 
     Args:
-        V, facet_tags, slave, master, multiplier, integration, quadrature_degree, search_distance:
-            See :class:`Tie`.
+        V, facet_tags, slave, master, multiplier, integration, quadrature_degree,
+            search_distance, max_angle, min_coverage: See :class:`Tie`.
         friction: Coulomb's coefficient μ; None or 0 for frictionless contact. A ``fem.Constant``
             is read when a solve begins.
         tresca: Given bound of the tangential traction [traction] instead of μ z_n; a number or a
@@ -291,7 +291,7 @@ class Contact(Frictional, Interface):
             near[:] = True
         B.destroy()
         weight = nodal["weight"][:n]
-        near &= weight > COVERED * self._weights[:n]
+        near &= weight > self._min_coverage * self._weights[:n]
         return gap / np.where(near, weight, 1.0), near
 
     def _initial_status(self, unheld: bool) -> npt.NDArray[np.int8] | None:

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from . import plausibility
+from . import coverage, plausibility
 from .errors import ConvergenceError
 
 if TYPE_CHECKING:
@@ -47,10 +47,11 @@ def find_infinite(problem: ContactProblem, f: npt.NDArray[np.float64]) -> str:
     if comm.allreduce(bool(prescribed), op=MPI.LOR):
         return "A prescribed displacement is not a finite number."
     if at[0] < np.inf:
-        return (
-            f"The residual force is not finite near X = {plausibility.point(at)}: a load is not a "
-            "finite number, or a cell is inside out."
-        )
+        text = f"The residual force is not finite near X = {plausibility.point(at)}"
+        barely = coverage.find_barely_covered(p._coupling.interfaces)
+        if barely:
+            return f"{text}. {barely}"
+        return f"{text}: a load is not a finite number, or a cell is inside out."
     if comm.allreduce(bool(tractions), op=MPI.LOR):
         return "A contact traction is not a finite number."
     return ""
@@ -106,6 +107,9 @@ def hint(problem: ContactProblem) -> str:
         text = text and f" {text}"
     if not text and not p._started:
         text = p._coupling.start_overlap
+    if not text and p._cached is not None:
+        text = coverage.find_barely_covered(p._coupling.interfaces)
+        text = text and f" {text}"
     return text
 
 

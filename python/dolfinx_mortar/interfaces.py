@@ -17,6 +17,7 @@ from dolfinx.common import Timer
 from dolfinx.mesh import MeshTags
 
 from . import agreement, arguments, cpp, parts
+from .coverage import MIN_COVERAGE
 
 if TYPE_CHECKING:
     from .layout import Layout
@@ -31,10 +32,6 @@ _INTEGRATIONS = {
     "segment": cpp.Integration.segment,
     "element": cpp.Integration.element,
 }
-
-#: Share of its weight that must be covered for a slave node to carry a multiplier. The demo of
-#: sliding shells takes the same iterations with 0.002 and 0.3.
-COVERED = 0.02
 
 
 #: Largest degree of quadrature: 256 points on each triangle, far beyond what any facet needs
@@ -63,6 +60,8 @@ class Interface:
         integration: str = "segment",
         quadrature_degree: int | None = None,
         search_distance: float | None = None,
+        max_angle: float = 70.0,
+        min_coverage: float = MIN_COVERAGE,
     ):
         if type(self) is Interface:
             raise ValueError("An Interface alone has no condition: make a Tie or a Contact.")
@@ -83,14 +82,24 @@ class Interface:
             if quadrature_degree is not None:
                 arguments.whole("quadrature_degree", quadrature_degree, 1, MAX_DEGREE)
             arguments.positive("search_distance", search_distance, "a length")
+            max_angle = arguments.number("max_angle", max_angle)
+            if not 0 < max_angle < 90:
+                raise ValueError(f"max_angle is {max_angle} degrees, but must be between 0 and 90.")
+            min_coverage = arguments.number("min_coverage", min_coverage)
+            if not 0 <= min_coverage < 1:
+                raise ValueError(f"min_coverage is {min_coverage}, but must be from 0 to below 1.")
             same["slave"] = [p.tag for p in self.slave]
             same["master"] = [p.tag for p in self.master]
             same["multiplier"], same["integration"] = multiplier, integration
             same["quadrature_degree"] = quadrature_degree
             same["search_distance"] = search_distance
+            same["max_angle"], same["min_coverage"] = max_angle, min_coverage
         self._comm = self.slave[0].V.mesh.comm
         self._multiplier_space = multiplier
         self._degree = quadrature_degree
+        self._max_angle, self._min_coverage = max_angle, min_coverage
+        #: A warning of what is left out has been given
+        self._warned = False
         self._search_distance = search_distance
         self._problem: ContactProblem | None = None
         #: Reference positions of local nodes where they differ from the mesh's (relocated ties)
@@ -148,6 +157,7 @@ class Interface:
             carries,
             fixed,
             self._leave_distant,
+            self._max_angle,
         )
         self._update_weights()
 
@@ -197,7 +207,7 @@ class Interface:
         Returns:
             True where that changes the set of multipliers on any rank. Collective.
         """
-        covered = nodal["coverage"] > COVERED * self._weights
+        covered = nodal["coverage"] > self._min_coverage * self._weights
         carries = (self._candidates.astype(bool) & covered).astype(np.int8)
         changed = bool(np.any(carries != self._data.carries))
         changed = self._layout.comm.allreduce(changed, op=MPI.LOR)
@@ -380,6 +390,12 @@ class Tie(Interface):
         quadrature_degree: Degree on each triangle of a segment, or on each slave facet.
         search_distance: Facets further apart [length] are not paired; by default the larger
             diameter of the two.
+        max_angle: Facets whose normals are further than this [degrees] from opposing each other
+            are not paired. On facets that are steeper, points of curved masters are far from
+            where they should be. A warning names facets that lose more than 5 % of their area.
+        min_coverage: A slave node carries a multiplier where masters cover more than this share
+            of the surface around it (measured by its function, from 0 to 1). Nodes that are
+            covered less, at the edge of a master, get large tractions that change much.
 
     The constraint is on displacements, so an initial gap between two discretised curved surfaces
     stays as it is and a rigid translation creates no stress. A rigid *rotation* of a curved tie

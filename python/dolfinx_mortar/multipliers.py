@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import cpp, sparse
+from . import coverage, cpp, sparse
 from .contact import Contact
 from .interfaces import Interface, Tie
 from .layout import Layout
@@ -232,6 +232,7 @@ class Multipliers:
         if changed:
             i._set_positive(positive)
             i._nodal = cpp.integrate(i._data, i._configuration)
+        coverage.report_lost(i)
         return changed
 
     def tied(self, tie: Tie) -> npt.NDArray[np.bool_]:
