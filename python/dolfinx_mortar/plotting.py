@@ -317,7 +317,8 @@ def picture(
     Args:
         path: File to write, by rank 0.
         surfaces: From :func:`surface`; on other ranks than 0 nothing happens.
-        scalars: Name of the field that colours them; grey if ``None``.
+        scalars: Name of the field that colours them; grey if ``None``, and where a surface has
+            no such field.
         component: Component of a vector field; its length if ``None``.
         label: Title of the colour bar.
         clim: Range of colours, by default that of the field.
@@ -328,8 +329,17 @@ def picture(
         zoom: Magnification.
         title: Text above the picture.
         size: Pixels.
+
+    Raises:
+        ValueError: No surface has the field.
     """
     shown = [part for part in surfaces if part is not None]
+    names = {name for faces, _ in shown for name in faces.point_data.keys()}
+    if shown and scalars is not None and scalars not in names:
+        raise ValueError(
+            f"No surface has a field {scalars!r}, they have {', '.join(sorted(names)) or 'none'}: "
+            "hand it to surface(..., fields={...}) under this name."
+        )
     if not shown or not _display():
         return
     import pyvista as pv
@@ -338,7 +348,8 @@ def picture(
     plotter.set_background("white")
     drawn, low, high = [], np.inf, -np.inf
     for faces, lines in shown:
-        if scalars is not None:
+        coloured = scalars is not None and scalars in faces.point_data.keys()
+        if coloured:
             values = np.asarray(faces.point_data[scalars])
             if values.ndim == 2:
                 length = np.linalg.norm(values, axis=1)
@@ -348,7 +359,7 @@ def picture(
             faces.point_data["shown"] = values
             if values.size:
                 low, high = min(low, values.min()), max(high, values.max())
-        drawn.append((faces, lines))
+        drawn.append((faces, lines, coloured))
     if clim is None and scalars is not None:
         # Round-off would otherwise be written at the end of the colour bar.
         clim = tuple(0.0 if abs(end) < 1e-9 * (high - low) else end for end in (low, high))
@@ -365,20 +376,20 @@ def picture(
         width=0.05,
         height=0.6,
     )
-    for faces, lines in drawn:
+    for faces, lines, coloured in drawn:
         if faces.n_points == 0:
             continue
         plotter.add_mesh(
             faces,
-            scalars="shown" if scalars else None,
+            scalars="shown" if coloured else None,
             clim=clim,
-            cmap=cmap if scalars else None,
-            color=None if scalars else "lightgrey",
+            cmap=cmap if coloured else None,
+            color=None if coloured else "lightgrey",
             smooth_shading=False,
             ambient=0.35,
             diffuse=0.75,
             scalar_bar_args=bar,
-            show_scalar_bar=bool(scalars),
+            show_scalar_bar=coloured,
         )
         if edges:
             plotter.add_mesh(lines, color="black", line_width=1.5)
