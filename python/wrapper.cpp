@@ -30,6 +30,7 @@ std::vector<std::string> unread_options()
 void wrap_facets(nb::module_& m);
 void wrap_surface(nb::module_& m);
 void wrap_coupling(nb::module_& m);
+void wrap_passage(nb::module_& m);
 
 NB_MODULE(cpp, m)
 {
@@ -38,4 +39,5 @@ NB_MODULE(cpp, m)
   wrap_surface(m);
   wrap_coupling(m);
   m.def("unread_options", &unread_options);
+  wrap_passage(m);
 }

@@ -87,4 +87,23 @@ void query(const BoxTree& tree, const Box& box, F&& fn)
 /// of them meet.
 RankData<std::int32_t> boxes_near(MPI_Comm comm, const Box& wanted,
                                   std::span<const Box> boxes);
+
+/// @brief What ranks have within the box around what this rank looks for.
+/// Collective.
+/// @param[in] comm Communicator.
+/// @param[in] wanted Box around what this rank looks for.
+/// @param[in] items What this rank has.
+/// @param[in] boxes Box of each of these.
+/// @return Items of all ranks, this one included, by rank.
+template <typename T>
+std::vector<T> collect_near(MPI_Comm comm, const Box& wanted,
+                            std::span<const T> items,
+                            std::span<const Box> boxes)
+{
+  const RankData<std::int32_t> near = boxes_near(comm, wanted, boxes);
+  RankData<T> send = {near.ranks, near.offsets, {}};
+  for (std::int32_t i : near.values)
+    send.values.push_back(items[i]);
+  return exchange(comm, send).values;
+}
 } // namespace dolfinx_mortar

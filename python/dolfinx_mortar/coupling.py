@@ -163,6 +163,7 @@ class Coupling:
         for c in current:
             if not text:
                 text = plausibility.find_overlap(c, self.layout, u_all)
+                text = text or plausibility.find_crossing(c, self._accepted[0], u_all)
                 text = text and f"{text} It has passed through the surface in this step."
         return text
 

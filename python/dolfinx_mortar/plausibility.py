@@ -9,8 +9,6 @@ none of this.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from mpi4py import MPI
 
 import basix
@@ -43,35 +41,52 @@ def find_overlap(contact: Contact, layout: Layout, u_all: npt.NDArray[np.float64
     """
     if contact._search_distance is not None:
         return ""  # what lies further apart is not to meet, says the user
-    comm = layout.comm
     body, boxes = _bodies(layout, u_all)
-    x_slave, x_master = (
-        cpp.current_positions(s, u_all) for s in (contact._surface_slave, contact._surface_master)
+    slave, master = contact._surface_slave, contact._surface_master
+    depth, x = cpp.find_overlap(
+        slave,
+        cpp.current_positions(slave, u_all),
+        (contact._nodal["facet_area"] == 0.0).astype(np.int8),
+        _bodies_of_facets(slave, body),
+        master,
+        cpp.current_positions(master, u_all),
+        _bodies_of_facets(master, body),
+        boxes,
     )
-    slave = _outlines(contact._surface_slave, x_slave)
-    of_slave = _bodies_of_facets(contact._surface_slave, body)
-    of_master = _bodies_of_facets(contact._surface_master, body)
-    masters = np.unique(np.concatenate(comm.allgather(np.unique(of_master))))
-    middle, normal, size = slave.middle, slave.normal, slave.size
-    inside = np.zeros(len(middle), dtype=bool)
-    for m in masters:
-        low, high = boxes[m]
-        inside |= (of_slave != m) & np.all((middle > low) & (middle < high), axis=1)
-    inside &= contact._nodal["facet_area"] == 0.0
-    if comm.allreduce(int(inside.sum())) == 0:
-        return ""
-    triangles = _outlines(contact._surface_master, x_master).triangles(of_master)
-    triangles = [np.concatenate(t) for t in zip(*comm.allgather(triangles))]
-    depths = [
-        (_depth(middle[f], normal[f], size[f], of_slave[f], boxes, *triangles), tuple(middle[f]))
-        for f in np.flatnonzero(inside)
-    ]
-    depth, x = max(comm.allgather(max(depths, default=(0.0, (0.0, 0.0, 0.0)))))
     if depth == 0.0:
         return ""
     return (
         f"The slave facet at {point(x)} is {depth:.3g} deep inside a master body, further than "
         "master facets are searched for."
+    )
+
+
+def find_crossing(
+    contact: Contact, before: npt.NDArray[np.float64], u_all: npt.NDArray[np.float64]
+) -> str:
+    """Find where the surfaces have passed through each other on the way to a state. Collective.
+
+    Args:
+        contact: Contact.
+        before: Local displacements of all bodies in the last accepted state.
+        u_all: The same in this state.
+
+    Returns:
+        A sentence, the same on all ranks; empty where they have not.
+    """
+    slave, master = contact._surface_slave, contact._surface_master
+    depth, x = cpp.find_crossing(
+        slave,
+        *(cpp.current_positions(slave, u) for u in (before, u_all)),
+        master,
+        *(cpp.current_positions(master, u) for u in (before, u_all)),
+        contact._search_distance,
+    )
+    if depth == 0.0:
+        return ""
+    return (
+        f"At {point(x)} one contact surface is {depth:.3g} behind the other one, further than "
+        "facets are searched for."
     )
 
 
@@ -180,68 +195,3 @@ def _bodies(layout: Layout, u_all) -> tuple[npt.NDArray[np.int64], npt.NDArray[n
 
 def _bodies_of_facets(surface: cpp.Surface, body) -> npt.NDArray[np.int64]:
     return body[surface.local_blocks[surface.nodes[surface.offsets[:-1]]]]
-
-
-class _Outlines(NamedTuple):
-    """Facets of this rank as flat polygons.
-
-    Attributes:
-        corners: Shape (n, 4, 3); a triangle's last corner is there twice.
-        triangle: Flags of triangles.
-        middle: Means of the corners, shape (n, 3).
-        normal: Outward normals, shape (n, 3).
-        size: Largest extents in a coordinate direction.
-    """
-
-    corners: npt.NDArray[np.float64]
-    triangle: npt.NDArray[np.bool_]
-    middle: npt.NDArray[np.float64]
-    normal: npt.NDArray[np.float64]
-    size: npt.NDArray[np.float64]
-
-    def triangles(self, body: npt.NDArray[np.int64]) -> tuple:
-        """Corners, normals, sizes and bodies of the triangles that facets are split in."""
-        quadrilaterals = np.flatnonzero(~self.triangle)
-        points = [self.corners[:, :3], self.corners[quadrilaterals][:, [1, 3, 2]]]
-        facet = np.concatenate([np.arange(len(self.corners)), quadrilaterals])
-        return np.concatenate(points), self.normal[facet], self.size[facet], body[facet]
-
-
-def _outlines(surface: cpp.Surface, x: npt.NDArray[np.float64]) -> _Outlines:
-    begin = surface.offsets[:-1]
-    triangle = np.isin(np.diff(surface.offsets), (3, 6))
-    c = x[surface.nodes[begin[:, None] + np.where(triangle[:, None], [0, 1, 2, 2], [0, 1, 2, 3])]]
-    flags = triangle[:, None]
-    n = np.cross(
-        np.where(flags, c[:, 1] - c[:, 0], c[:, 1] - c[:, 2]),
-        np.where(flags, c[:, 2] - c[:, 0], c[:, 3] - c[:, 0]),
-    )
-    n *= surface.orientation[:, None] / np.linalg.norm(n, axis=1)[:, None]
-    middle = np.where(flags, c[:, :3].mean(axis=1), c.mean(axis=1))
-    return _Outlines(c, triangle, middle, n, np.ptp(c, axis=1).max(axis=1))
-
-
-def _depth(x, n, size, own, boxes, points, normals, sizes, bodies) -> float:
-    """How deep the facet at x with normal n is inside of another body, else zero.
-
-    The facet is given by its middle, normal, size and body, and the triangles of all masters
-    by theirs, with their corners for the middle.
-    """
-    # Barycentric coordinates of the points where the ray x - t n meets the planes of triangles
-    a, b = points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]
-    h = np.cross(-n, b)
-    det = np.einsum("ti,ti->t", a, h)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        s = x - points[:, 0]
-        v = np.einsum("ti,ti->t", s, h) / det
-        q = np.cross(s, a)
-        w = q @ -n / det
-        t = np.einsum("ti,ti->t", b, q) / det
-        meets = (v >= 0) & (w >= 0) & (v + w <= 1) & (t > 0)
-    if not meets.any():
-        return 0.0
-    first = np.flatnonzero(meets)[np.argmin(t[meets])]
-    low, high = boxes[bodies[first]]
-    leaves = normals[first] @ n < 0 and bodies[first] != own
-    deep = t[first] > max(size, sizes[first])
-    return float(t[first]) if leaves and deep and np.all((x > low) & (x < high)) else 0.0
