@@ -40,8 +40,8 @@ class Contact(Frictional, Interface):
         geometry: ``"current"`` (finite deformation, everything linearised) or ``"reference"``
             (small deformation: D, M and normals stay those of the reference configuration).
         initial_active: Nodes in contact when the first solve starts: ``"gap"`` (those that
-            penetrate, and where a body would not be held otherwise, those that are nearest),
-            ``"none"``, ``"all"``, or a function of positions (shape (3, n)) that returns flags.
+            penetrate, and where a body would not be held otherwise, those that it meets first on
+            the way that its loads drive it), ``"none"``, ``"all"``, or a function of positions (shape (3, n)) that returns flags.
         normal: Only with ``geometry="reference"``: direction from the slave to the master to be
             used at all nodes instead of the slave's own normals. With small strains both are
             right up to the angle between the surfaces; the normal of a plane master is the
@@ -294,17 +294,15 @@ class Contact(Frictional, Interface):
         near &= weight > self._min_coverage * self._weights[:n]
         return gap / np.where(near, weight, 1.0), near
 
-    def _initial_status(self, unheld: bool) -> npt.NDArray[np.int8] | None:
-        """States to begin with, or None for those that follow from the values. Collective.
+    def _initial_status(self, first: npt.NDArray[np.bool_] | None) -> npt.NDArray[np.int8]:
+        """States to begin with. Collective.
 
         Args:
-            unheld: A body would not be held without contact.
+            first: Nodes that are to hold a body; None where all bodies are held.
         """
         n = self.num_owned
-        comm = self._layout.comm
         carries = self._data.carries[:n].astype(bool)
         choice = self._initial_active
-        natural = self._status.copy()
         if choice == "none":
             return np.zeros(n, dtype=np.int8)
         if choice == "all":
@@ -313,15 +311,10 @@ class Contact(Frictional, Interface):
             closed = self._chosen(choice) & carries
         else:
             # Where surfaces touch, round-off must not choose among their nodes
-            gap = self._nodal_gap()
-            size = np.sqrt(self._weights[:n])
-            closed = carries & ((natural != OPEN) | (gap <= 1e-9 * size))
-            if unheld:
-                # A patch of nodes keeps the body from tilting
-                nearest = comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN)
-                if not np.isfinite(nearest):
-                    return None
-                closed |= carries & (gap <= max(nearest, 0.0) + 0.2 * size)
+            touching = self._nodal_gap() <= 1e-9 * np.sqrt(self._weights[:n])
+            closed = carries & ((self._status != OPEN) | touching)
+            if first is not None:
+                closed |= carries & first
         state = np.where(closed, STICK if self.is_frictional else SLIP, OPEN)
         return state.astype(np.int8)
 

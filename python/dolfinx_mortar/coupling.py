@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy.linalg
 from dolfinx import fem
 
-from . import cpp, plausibility, rigidity, sparse
+from . import cpp, first_contact, plausibility, rigidity, sparse
 from .active_sets import ActiveSets
 from .contact import Contact
 from .interfaces import Interface, Tie
@@ -373,15 +373,24 @@ class Coupling:
 
     # -- What surrounds the iteration ------------------------------------------------
 
-    def initial_status(self) -> dict | None:
-        """States that the first solve begins with, or None. Collective."""
-        forced = {}
-        held = self._is_held()
-        for c in self.contacts:
-            state = c._initial_status(not held)
-            if self.comm.allreduce(state is not None, op=MPI.LOR):
-                forced[id(c)] = state
-        return forced or None
+    def initial_status(
+        self, u: npt.NDArray, force: npt.NDArray
+    ) -> dict[int, npt.NDArray[np.int8]]:
+        """States that the first solve begins with, at the last :meth:`evaluate`. Collective.
+
+        Args:
+            u: Owned displacements.
+            force: Residual forces without those of contact, zero at Dirichlet dofs.
+        """
+        first = first_contact.find_first_nodes(self, u, force)
+        return {
+            id(c): c._initial_status(None if first is None else first[i])
+            for i, c in enumerate(self.contacts)
+        }
+
+    def positions(self, u: npt.NDArray) -> npt.NDArray[np.float64]:
+        """Positions of the owned nodes after displacements ``u``, shape (size_u,)."""
+        return self._reference + u
 
     def _is_held(self) -> bool:
         return rigidity.is_held(self.layout, self.ties, self.fixed_dofs)
@@ -395,7 +404,7 @@ class Coupling:
             force: Residual forces without those of contact, zero at Dirichlet dofs.
         """
         motions = rigidity.free_motions(
-            self.layout, self.ties, self.fixed_dofs, self._reference + u
+            self.layout, self.ties, self.fixed_dofs, self.positions(u)
         )
         if motions.shape[1] == 0:
             return False

@@ -183,11 +183,14 @@ class ContactProblem:
         Raises:
             ConvergenceError: Loads act on such a body.
         """
-        x, f = self._cached
-        u, free = x[: self._n_u], f[: self._n_u] - self._contact_force
-        free[self._coupling.fixed_dofs] = 0.0
-        if self._coupling.is_flying(K, u, free):
+        if self._coupling.is_flying(K, self._cached[0][: self._n_u], self._free_forces()):
             raise ConvergenceError("Nothing holds a body against its loads.")
+
+    def _free_forces(self) -> npt.NDArray[np.float64]:
+        """Residual forces without those of contact, zero at Dirichlet dofs."""
+        free = self._cached[1][: self._n_u] - self._contact_force
+        free[self._coupling.fixed_dofs] = 0.0
+        return free
 
     def _release_system(self) -> None:
         if self._system is not None:
@@ -441,9 +444,8 @@ class ContactProblem:
         if self._coupling.has_contact and not self._started:
             self._coupling.check_start(u_all)
             self._evaluate(self._x.array_r)
-            self._forced = self._coupling.initial_status()
-            if self._forced is not None:
-                self._cached = None
+            self._forced = self._coupling.initial_status(u, self._free_forces())
+            self._cached = None
 
     def _resultants(self, contact: Contact):
         return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))

@@ -1,0 +1,101 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Bodies that nothing but contact holds: a pin in a bore with clearance, blocks on slopes."""
+
+from mpi4py import MPI
+
+import cases
+import dolfinx_mortar as dm
+import numpy as np
+import pytest
+import ufl
+from blocks import NU, E
+from dolfinx import fem
+
+comm = MPI.COMM_WORLD
+OUTER, INNER, ENDS, SYMMETRY = 1, 2, 3, 4
+
+
+def ring(name, element, inner, outer, cells, angle):
+    """A part of a hollow cylinder around the z axis, from the x axis on, one cell thick."""
+    closed = angle > 6
+    r = np.linspace(inner, outer, cells[0] + 1)
+    phi = np.linspace(0, angle, cells[1] + 1)
+    points, quads = cases.grid(r, phi)
+    plan = points[:, :1] * np.column_stack([np.cos(points[:, 1]), np.sin(points[:, 1])])
+    if closed:
+        quads = quads % (len(r) * cells[1])
+        plan = plan[: len(r) * cells[1]]
+    thickness = 0.3
+    points, hexes = cases.extrude(plan, quads, lambda x, y: 0, lambda x, y: thickness, 1)
+
+    def tag(x):
+        distance = np.linalg.norm(x[:, :2], axis=1)
+        ends = cases.near(0)(x[:, 2]) | cases.near(thickness)(x[:, 2])
+        cut = cases.near(0)(x[:, 1]) & ~np.array(closed)
+        middle = (inner + outer) / 2
+        sides = [ends, cut, distance > middle, distance < middle]
+        return np.select(sides, [ENDS, SYMMETRY, OUTER, INNER])
+
+    return cases.Part(name, element, cases.linear_elastic(E, NU), points, hexes, tag)
+
+
+def pin_in_bore(clearance=0.05, angle=np.pi, element="hex8", start=(0, 0), **options):
+    """A pin, or its half, in a plate that is held at its rim; both in plane strain.
+
+    Returns:
+        Problem, displacement of the pin, contact, and the force on the pin per volume.
+    """
+    n = int(round(12 * angle / np.pi))
+    parts = [
+        ring("pin", element, 0.4, 1.0, (3, n), angle),
+        ring("plate", element, 1.0 + clearance, 2.0, (3, n + 2), angle),
+    ]
+    bodies, _ = cases._bodies(comm, parts, False)
+    u = [fem.Function(b.V) for b in bodies]
+    u[0].interpolate(lambda x: np.array([*start, 0.0])[:, None] + 0 * x)
+    dx = ufl.dx(metadata={"quadrature_degree": 3})
+    forms = [ufl.derivative(cases.neo_hooke(E, NU)(w) * dx, w) for w in u]
+    load = fem.Constant(bodies[0].mesh, np.zeros(3))
+    forms[0] -= ufl.inner(load, ufl.TestFunction(bodies[0].V)) * dx
+    bcs = []
+    for b in bodies:
+        held = [(ENDS, 2)] + [(SYMMETRY, 1)] * (angle < 6)
+        held += [(OUTER, 0), (OUTER, 1)] * (b is bodies[1])
+        for tag, c in held:
+            V = b.V.sub(c)
+            dofs = fem.locate_dofs_topological(V, 2, b.facet_tags.find(tag))
+            bcs.append(fem.dirichletbc(0.0, dofs, V))
+    pin, plate = bodies
+    contact = dm.Contact(
+        slave=[(pin.V, pin.facet_tags, OUTER)],
+        master=[(plate.V, plate.facet_tags, INNER)],
+        **options,
+    )
+    problem = dm.ContactProblem(forms, u, bcs=bcs, interfaces=[contact])
+    return problem, u[0], contact, load
+
+
+def volume(u):
+    mesh = u.function_space.mesh
+    return comm.allreduce(fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * ufl.dx)))
+
+
+@pytest.mark.parametrize("element", ["hex8", "hex20"])
+@pytest.mark.parametrize("clearance", [0.002, 0.05, 0.1])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("friction", [None, 0.3])
+def test_half_pin(element, clearance, direction, friction):
+    problem, u, contact, load = pin_in_bore(clearance, element=element, friction=friction)
+    load.value[0] = direction * 2.0
+    problem.solve()
+    assert contact.force[0] == pytest.approx(-load.value[0] * volume(u), rel=1e-6)
+
+
+@pytest.mark.parametrize("clearance", [0.002, 0.05])
+@pytest.mark.parametrize("angle", [0.0, 0.3, 2.0, 4.0])
+def test_whole_pin_with_friction(clearance, angle):
+    problem, u, contact, load = pin_in_bore(clearance, angle=2 * np.pi, friction=0.3)
+    load.value[:2] = 2 * np.cos(angle), 2 * np.sin(angle)
+    problem.solve()
+    np.testing.assert_allclose(contact.force, -load.value * volume(u), rtol=1e-6, atol=1e-6)
