@@ -11,6 +11,7 @@ import pytest
 import ufl
 from blocks import NU, E
 from dolfinx import fem
+from test_bad_contact import Blocks, refused
 
 comm = MPI.COMM_WORLD
 OUTER, INNER, ENDS, SYMMETRY = 1, 2, 3, 4
@@ -99,3 +100,30 @@ def test_whole_pin_with_friction(clearance, angle):
     load.value[:2] = 2 * np.cos(angle), 2 * np.sin(angle)
     problem.solve()
     np.testing.assert_allclose(contact.force, -load.value * volume(u), rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("before", [None, 2.0])
+def test_block_past_the_angle_of_friction(before):
+    """Friction of 0.3 does not hold a force of 4 along the surface under one of 10."""
+    block = Blocks(held=None, friction=0.3)
+    for force in [before] * (before is not None):
+        block.load.value[:] = force, 0.0, -10.0
+        block.solve()
+        assert block.contact.force[0] == pytest.approx(-0.36 * force, rel=1e-6)
+    block.load.value[:] = 4.0, 0.0, -10.0
+    error = refused(block, "All nodes in contact slip", "slides away", "no static solution")
+    assert len(error.history) < 12
+
+
+def test_dragged_block_does_not_slide_away():
+    """All its nodes slip, but it is held; a step that fails is one for other reasons."""
+    block = Blocks(friction=0.1, petsc_options={"snes_max_it": 2})
+    block.problem.snes.setTolerances(max_it=20)
+    for x in (0.0, 0.05):
+        block.motion.value[:] = x, 0.0, -0.01
+        block.solve()
+    assert block.problem.history[-1]["stick"] == 0
+    block.problem.snes.setTolerances(max_it=2)
+    block.motion.value[:] = 0.12, 0.0, -0.02
+    error = refused(block, "did not converge")
+    assert "slides away" not in str(error)

@@ -101,8 +101,6 @@ def test_jaws_of_one_body(element, swap, friction):
         move(z)
         p.solve()
     assert contact.num_active > 0 and contact.force[2] * (-1 if swap else 1) > 0
-    move(2.0)
-    fails(p.solve, "state is as before", kind=dm.ConvergenceError)
 
 
 def stacked(swap, lower=(((0, 0, 0.9), (1, 1, 1)),), **options):
@@ -128,9 +126,6 @@ def test_left_behind_entirely(swap, distance):
     move(0.06)
     p.solve()
     assert contact.num_active > 0
-    # From contact the step may as well diverge
-    move(4.0)
-    fails(p.solve, "state is as before", kind=dm.ConvergenceError)
 
 
 @pytest.mark.parametrize("swap", [False, True])

@@ -41,7 +41,8 @@ class Contact(Frictional, Interface):
             (small deformation: D, M and normals stay those of the reference configuration).
         initial_active: Nodes in contact when the first solve starts: ``"gap"`` (those that
             penetrate, and where a body would not be held otherwise, those that it meets first on
-            the way that its loads drive it), ``"none"``, ``"all"``, or a function of positions (shape (3, n)) that returns flags.
+            the way that its loads drive it), ``"none"``, ``"all"``, or a function of positions
+            (shape (3, n)) that returns flags.
         normal: Only with ``geometry="reference"``: direction from the slave to the master to be
             used at all nodes instead of the slave's own normals. With small strains both are
             right up to the angle between the surfaces; the normal of a plane master is the

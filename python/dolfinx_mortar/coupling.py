@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy.linalg
 from dolfinx import fem
 
-from . import cpp, first_contact, plausibility, rigidity, sparse
+from . import cpp, plausibility, rigidity, sparse
 from .active_sets import ActiveSets
 from .contact import Contact
 from .interfaces import Interface, Tie
@@ -373,26 +373,12 @@ class Coupling:
 
     # -- What surrounds the iteration ------------------------------------------------
 
-    def initial_status(
-        self, u: npt.NDArray, force: npt.NDArray
-    ) -> dict[int, npt.NDArray[np.int8]]:
-        """States that the first solve begins with, at the last :meth:`evaluate`. Collective.
-
-        Args:
-            u: Owned displacements.
-            force: Residual forces without those of contact, zero at Dirichlet dofs.
-        """
-        first = first_contact.find_first_nodes(self, u, force)
-        return {
-            id(c): c._initial_status(None if first is None else first[i])
-            for i, c in enumerate(self.contacts)
-        }
-
     def positions(self, u: npt.NDArray) -> npt.NDArray[np.float64]:
         """Positions of the owned nodes after displacements ``u``, shape (size_u,)."""
         return self._reference + u
 
-    def _is_held(self) -> bool:
+    def is_held(self) -> bool:
+        """Whether no body can move rigidly without contact. Collective."""
         return rigidity.is_held(self.layout, self.ties, self.fixed_dofs)
 
     def is_flying(self, K: PETSc.Mat, u: npt.NDArray, force: npt.NDArray) -> bool:
@@ -422,7 +408,7 @@ class Coupling:
 
     def diagnose(self) -> str:
         """What may be behind a failure after contact was lost. Collective."""
-        if self.contacts and not self._is_held():
+        if self.contacts and not self.is_held():
             return (
                 " No slave node is in contact, and without contact a body is not held: bring the "
                 "surfaces together (check tags and search_distance), prescribe displacements, or "

@@ -101,7 +101,9 @@ def hint(problem: ContactProblem) -> str:
     """What may be behind a failure; empty where nothing is known. Collective."""
     p = problem
     lost = any(h["active"] == 0 for h in p.history[-5:])
-    text = p._coupling.diagnose() if lost else ""
+    text = find_sliding(p)
+    if not text and lost:
+        text = p._coupling.diagnose()
     if not text and p._cached is not None:
         text = p._coupling.find_blocked()
         text = text and f" {text}"
@@ -111,6 +113,33 @@ def hint(problem: ContactProblem) -> str:
         text = coverage.find_barely_covered(p._coupling.interfaces)
         text = text and f" {text}"
     return text
+
+
+def find_sliding(problem: ContactProblem) -> str:
+    """Whether a failure looks like that of a body that slides away. Collective.
+
+    The iteration ends with all nodes slipping, before contact may be lost altogether, and only
+    contact holds a body.
+
+    Args:
+        problem: Problem.
+
+    Returns:
+        A sentence; empty where it does not.
+    """
+    history, coupling = problem.history, problem._coupling
+    stuck = [i for i, h in enumerate(history) if h["stick"] > 0]
+    end = history[stuck[-1] + 1 if stuck else 0 :]
+    slipping = sum(h["slip"] > 0 for h in end)
+    frictional = coupling.has_contact and all(c.is_frictional for c in coupling.contacts)
+    if slipping < 2 or not frictional or coupling.is_held():
+        return ""
+    return (
+        " All nodes in contact slip, and nothing but friction holds a body along the surface: "
+        "where loads exceed friction the body slides away, and there is no static solution. "
+        "Lower these loads, raise the friction or prescribe a displacement of the body; close "
+        "to the limit smaller load steps help. The state is as before the step."
+    )
 
 
 def complain_of_solution(problem: ContactProblem) -> str:

@@ -34,6 +34,26 @@ _PATCH = 0.2
 _FIRST = (0.005, 0.02, 0.05, 0.2)
 
 
+def initial_status(
+    coupling: Coupling, u: npt.NDArray[np.float64], force: npt.NDArray[np.float64]
+) -> dict[int, npt.NDArray[np.int8]]:
+    """States that the first solve begins with, at the last evaluated state. Collective.
+
+    Args:
+        coupling: Interfaces.
+        u: Owned displacements.
+        force: Residual forces without those of contact, zero at Dirichlet dofs.
+
+    Returns:
+        States of the owned nodes, by the id of each contact.
+    """
+    first = find_first_nodes(coupling, u, force)
+    return {
+        id(c): c._initial_status(None if first is None else first[i])
+        for i, c in enumerate(coupling.contacts)
+    }
+
+
 def find_first_nodes(
     coupling: Coupling, u: npt.NDArray[np.float64], force: npt.NDArray[np.float64]
 ) -> Flags | None:
@@ -81,8 +101,10 @@ def find_first_nodes(
 
 def _drive(comm, motions, gram, force) -> npt.NDArray[np.float64]:
     """Coefficients of the free motion that forces drive; zero where forces are in balance."""
-    work = comm.allreduce(motions.T @ -force)
     total = comm.allreduce(float(force @ force))
+    if not np.isfinite(total):  # the iteration says what is wrong
+        return np.zeros(len(gram))
+    work = comm.allreduce(motions.T @ -force)
     if np.all(np.abs(work) <= 1e-8 * np.sqrt(total * np.diag(gram))):
         return np.zeros(len(work))
     return np.linalg.lstsq(gram, work, rcond=None)[0]

@@ -22,6 +22,7 @@ from .contact import Contact
 from .coupling import Coupling
 from .diagnosis import SMALLER
 from .errors import ConvergenceError
+from .first_contact import initial_status
 from .forms import BodyForms, check_functions
 from .interfaces import Interface
 from .layout import Layout
@@ -444,7 +445,7 @@ class ContactProblem:
         if self._coupling.has_contact and not self._started:
             self._coupling.check_start(u_all)
             self._evaluate(self._x.array_r)
-            self._forced = self._coupling.initial_status(u, self._free_forces())
+            self._forced = initial_status(self._coupling, u, self._free_forces())
             self._cached = None
 
     def _resultants(self, contact: Contact):
