@@ -51,10 +51,10 @@ def problem(bodies, held, sides, energy=cases.linear_elastic, **options):
     return dm.ContactProblem(forms, u, bcs=bcs, interfaces=[contact]), u, contact, move
 
 
-def refused(problem, u):
+def refused(problem, u, words=REFUSED):
     """The solve is refused and leaves the displacements."""
     before = [w.x.array.copy() for w in u]
-    error = fails(problem.solve, *REFUSED, kind=dm.ConvergenceError)
+    error = fails(problem.solve, *words, kind=dm.ConvergenceError)
     for w, values in zip(u, before, strict=True):
         np.testing.assert_array_equal(w.x.array, values)
     return str(error)
@@ -101,6 +101,8 @@ def test_jaws_of_one_body(element, swap, friction):
         move(z)
         p.solve()
     assert contact.num_active > 0 and contact.force[2] * (-1 if swap else 1) > 0
+    move(2.0)
+    refused(p, u, words=["smaller load steps", "state is as before"])
 
 
 def stacked(swap, lower=(((0, 0, 0.9), (1, 1, 1)),), **options):
@@ -126,6 +128,8 @@ def test_left_behind_entirely(swap, distance):
     move(0.06)
     p.solve()
     assert contact.num_active > 0
+    move(4.0)
+    refused(p, u, words=["smaller load steps", "state is as before"])
 
 
 @pytest.mark.parametrize("swap", [False, True])

@@ -111,7 +111,7 @@ def hint(problem: ContactProblem) -> str:
         text = p._coupling.start_overlap
     if not text and p._cached is not None:
         text = coverage.find_barely_covered(p._coupling.interfaces)
-        text = text and f" {text}"
+        text = text and f" {text}{SMALLER}"
     return text
 
 

@@ -100,12 +100,14 @@ def find_first_nodes(
 
 
 def _drive(comm, motions, gram, force) -> npt.NDArray[np.float64]:
-    """Coefficients of the free motion that forces drive; zero where forces are in balance."""
-    total = comm.allreduce(float(force @ force))
-    if not np.isfinite(total):  # the iteration says what is wrong
+    """Coefficients of the free motion that forces drive, per force; zero in balance."""
+    total = comm.allreduce(float(np.abs(force).sum()))
+    if total == 0 or not np.isfinite(total):  # the iteration says what is wrong
         return np.zeros(len(gram))
+    force = force / total
     work = comm.allreduce(motions.T @ -force)
-    if np.all(np.abs(work) <= 1e-8 * np.sqrt(total * np.diag(gram))):
+    size = np.sqrt(comm.allreduce(float(force @ force)))
+    if np.all(np.abs(work) <= 1e-8 * size * np.sqrt(np.diag(gram))):
         return np.zeros(len(work))
     return np.linalg.lstsq(gram, work, rcond=None)[0]
 
