@@ -137,8 +137,9 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   const std::size_t num = num_local_nodes(s);
   const std::vector<double> z(3 * num, 0.0);
   // Columns of nodal values: coverage, diagonal, weight, gap, offset, touching
-  // facets
-  std::vector<double> nodal(8 * num, 0.0);
+  // facets, normal of masters
+  constexpr int columns_of_node = 11;
+  std::vector<double> nodal(columns_of_node * num, 0.0);
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
   out.lost.resize(s.types.size(), 0.0);
@@ -175,14 +176,16 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
                    columns.clear();
                    for (std::size_t k = 0; k < nodes.size(); ++k)
                    {
-                     double* v = nodal.data() + 8 * nodes[k];
+                     double* v = nodal.data() + columns_of_node * nodes[k];
                      v[0] += r.coverage[k];
                      v[1] += r.diagonal[k];
                      v[2] += r.M.row(k).sum();
                      v[3] += r.gap[k];
                      for (int c = 0; c < 3; ++c)
                        v[4 + c] += r.offset(k, c);
-                     v[7] += r.touches;
+                     v[7] += r.touches[k];
+                     for (int c = 0; c < 3; ++c)
+                       v[8 + c] += r.master_normal(k, c);
                      rows.push_back(interface.carries[nodes[k]]
                                         ? interface.multipliers[nodes[k]]
                                         : -1);
@@ -208,17 +211,18 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   B.flush(matrices.B);
   B_tilde.flush(matrices.B_tilde);
 
-  scatter_reverse_add(s, std::span<double>(nodal), 8);
-  scatter_forward(s, std::span<double>(nodal), 8);
+  scatter_reverse_add(s, std::span<double>(nodal), columns_of_node);
+  scatter_forward(s, std::span<double>(nodal), columns_of_node);
   for (std::size_t i = 0; i < num; ++i)
   {
-    const double* v = nodal.data() + 8 * i;
+    const double* v = nodal.data() + columns_of_node * i;
     out.coverage.push_back(v[0]);
     out.diagonal.push_back(v[1]);
     out.weight.push_back(v[2]);
     out.gap.push_back(v[3]);
     out.offset.insert(out.offset.end(), v + 4, v + 7);
     out.near.push_back(v[7] > 0);
+    out.master_normal.insert(out.master_normal.end(), v + 8, v + 11);
   }
   return out;
 }

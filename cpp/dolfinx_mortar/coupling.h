@@ -87,6 +87,10 @@ struct NodalIntegrals
   /// ∫ Ñ_j over the part of the surface that a master covers, shape (n)
   std::vector<double> coverage;
 
+  /// ∫ Ñ_j n⁽²⁾ with the unit outward normals of the masters' facets: the way
+  /// the master faces there, shape (n, 3)
+  std::vector<double> master_normal;
+
   /// Diagonal of D̃ for dual multipliers, shape (n)
   std::vector<double> diagonal;
 
@@ -107,7 +111,7 @@ struct NodalIntegrals
   /// covers, shape (num_facets)
   std::vector<double> lost;
 
-  /// Non-zero for nodes on whose facets some point is nearly in contact. The
+  /// Non-zero for nodes around which some point is nearly in contact. The
   /// weighted gap of other nodes can be negative all the same, as Φ is in
   /// places; that is no contact. Shape (n)
   std::vector<std::int8_t> near;

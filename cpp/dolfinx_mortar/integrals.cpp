@@ -17,6 +17,10 @@ namespace
 /// takes the same iterations with 0.01 and 0.2, and fails without.
 constexpr double touching = 0.05;
 
+/// Share of its largest value that the function of a node has at points around
+/// the node.
+constexpr double around = 0.75;
+
 using ConstRowMap = Eigen::Map<const RowMatrix>;
 
 /// Positions relative to an origin, appended to `out`.
@@ -68,6 +72,17 @@ double diameter(const FacetView& f)
     d = std::max(d,
                  (x.rowwise() - x.row(i)).rowwise().squaredNorm().maxCoeff());
   return std::sqrt(d);
+}
+
+/// Unit outward normal of a facet in the plane of its corners.
+Eigen::Vector3d normal(const FacetView& f)
+{
+  auto x = [&](int k)
+  { return Eigen::Map<const Eigen::Vector3d>(f.x.data() + 3 * k); };
+  const Eigen::Vector3d c = num_corners(f.type) == 3
+                                ? (x(1) - x(0)).cross(x(2) - x(0))
+                                : (x(3) - x(0)).cross(x(2) - x(1));
+  return f.orientation * c.normalized();
 }
 
 /// Matrix X that extends values at nodes with multipliers to all multiplier
@@ -135,7 +150,7 @@ void FacetIntegrator::start(const FacetView& slave,
   _result.master_blocks.clear();
   _result.covered = false;
   _result.orphan = false;
-  _result.touches = false;
+  _result.touches.fill(0);
   _result.area = 0;
   _result.dropped_area = 0;
   _result.lost = 0;
@@ -365,6 +380,7 @@ double FacetIntegrator::integrate_products(bool derivatives)
   _facet.Sm.setZero(nl, _facet.m);
   _facet.b.setZero(nl, 4);
   _result.coverage.setZero(_facet.n);
+  _result.master_normal.setZero(_facet.n, 3);
   double nearest = std::numeric_limits<double>::max();
   RowMatrix WN;
   for (int p : _facet.pairs)
@@ -378,7 +394,9 @@ double FacetIntegrator::integrate_products(bool derivatives)
     const Eigen::Map<const Eigen::VectorXd> w(_points[p].w.data(),
                                               _points[p].w.size());
     _result.area += w.sum();
-    _result.coverage.noalias() += s.Nt.transpose() * w;
+    const Eigen::VectorXd coverage = s.Nt.transpose() * w;
+    _result.coverage += coverage;
+    _result.master_normal.noalias() += coverage * normal(master).transpose();
     WN = s.Nt.leftCols(nl).array().colwise() * w.array();
     _facet.S.noalias() += WN.transpose() * s.Nt;
     _facet.b.noalias() += WN.transpose() * s.field;
@@ -397,6 +415,26 @@ bool FacetIntegrator::distant(double nearest) const
   for (int p : _facet.pairs)
     reach = std::max(reach, diameter(_facet.masters[p]));
   return nearest > _options.distance.value_or(reach);
+}
+//-----------------------------------------------------------------------------
+void FacetIntegrator::find_touching()
+{
+  Eigen::RowVectorXd largest = Eigen::RowVectorXd::Zero(_facet.n);
+  for (int p : _facet.pairs)
+    largest = largest.cwiseMax(_shapes[p].Nt.colwise().maxCoeff());
+  const double reach = touching * diameter(_facet.slave);
+  for (int p : _facet.pairs)
+  {
+    const PairShapes& s = _shapes[p];
+    for (int q = 0; q < s.field.rows(); ++q)
+    {
+      if (s.field(q, 0) > reach)
+        continue;
+      for (int k = 0; k < _facet.n; ++k)
+        if (s.Nt(q, k) >= around * largest[k])
+          _result.touches[k] = 1;
+    }
+  }
 }
 //-----------------------------------------------------------------------------
 bool FacetIntegrator::factorise()
@@ -458,7 +496,6 @@ const FacetIntegrals& FacetIntegrator::compute(
   _facet.T = transformation(_options.space, slave.type, positive);
   _facet.T_inv = inverse_transformation(_options.space, slave.type, positive);
   const double nearest = integrate_products(derive);
-  _result.touches = nearest <= touching * diameter(_facet.slave);
   if (distant(nearest))
   {
     _result.dropped_area = 0;
@@ -471,6 +508,7 @@ const FacetIntegrals& FacetIntegrator::compute(
     return _result;
   }
   _result.lost = lost_share();
+  find_touching();
   _facet.X = extension(carries, _facet.nl);
   if (_facet.X.isZero(0))
   {

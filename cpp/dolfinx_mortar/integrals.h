@@ -49,11 +49,17 @@ struct FacetIntegrals
   /// Share of the facet's area that is left out and that no other master covers
   double lost = 0;
 
-  /// True where the gap of some point is below 5 % of the facet's diameter
-  bool touches = false;
+  /// Non-zero for nodes around which the gap is below 5 % of the facet's
+  /// diameter at some point: where Ñ_k is at least three quarters of its largest
+  /// value at all points. Shape (n)
+  std::array<std::int8_t, max_facet_nodes> touches = {};
 
   /// ∫ Ñ_k over the covered part, shape (n)
   Eigen::VectorXd coverage;
+
+  /// ∫ Ñ_k n⁽²⁾ with the unit outward normals of the masters' facets, shape (n,
+  /// 3)
+  RowMatrix master_normal;
 
   /// Diagonal of D̃ (dual spaces), shape (n)
   Eigen::VectorXd diagonal;
@@ -206,6 +212,10 @@ private:
 
   /// @brief True where masters are too far away to matter.
   bool distant(double nearest) const;
+
+  /// @brief Find the nodes around which the facet touches a master; after
+  /// integrate_products.
+  void find_touching();
 
   /// @brief Coefficients A_e = D_e M_e⁻¹ of the dual functions (equations 4.7,
   /// 4.15), as D_e and the factors of M_e.

@@ -43,6 +43,14 @@ double trial_pressure(const ContactState& s, std::size_t j)
   return vector(s.normal, j).dot(vector(s.z, j)) - s.c_n[j] * s.gap[j];
 }
 
+/// A node closes only near a master. One that is pressed stays closed: its
+/// weighted gap can vanish while the surfaces around it are slightly apart.
+bool can_close(const ContactState& s, std::size_t j)
+{
+  return s.near.empty() or s.near[j]
+         or vector(s.normal, j).dot(vector(s.z, j)) > 0;
+}
+
 /// Let a node be in contact on no more patches than it can be.
 /// @param[in] nodes Nodes of one block that are closed.
 /// @param[in,out] closed Flags of all nodes.
@@ -96,9 +104,9 @@ std::vector<std::int8_t> find_closed(const ContactState& s,
   for (std::size_t j = 0; j < num; ++j)
   {
     closed[j] = s.carries[j]
-                and (forced.empty() ? trial_pressure(s, j) > 0
-                                          and (s.near.empty() or s.near[j])
-                                    : forced[j] != Status::open);
+                and (forced.empty()
+                         ? trial_pressure(s, j) > 0 and can_close(s, j)
+                         : forced[j] != Status::open);
   }
   for (std::size_t j = 0; j < num;)
   {

@@ -113,11 +113,37 @@ class Contact(Frictional, Interface):
         surface = super()._surface(pieces, side)
         if side == "master":
             return surface
+        whole = surface.num_global
         surface = cpp.split_at_edges(surface, np.radians(self._feature_angle))
+        #: Some node is one of several at its place, on any rank
+        self._split = surface.num_global > whole
         blocks = surface.blocks[: surface.num_owned]
         #: Displacement blocks of the owned nodes, None where no two are the same
         self._blocks = None if len(np.unique(blocks)) == len(blocks) else blocks.copy()
         return surface
+
+    def _drop_repeated(self, nodal: dict, carries: npt.NDArray[np.int8]) -> None:
+        """Of patches that meet the same master surface at a node the one that faces it best stays.
+
+        On a plane the gaps of both sides of an edge are one condition: both are the distance of
+        the edge from the plane. Masters that face different ways give one each. Collective.
+        """
+        n = self.num_owned
+        self._barred = np.zeros(n, dtype=bool)
+        if self._blocks is not None:
+            master = nodal["master_normal"][:n]
+            master = master / np.maximum(np.linalg.norm(master, axis=1), 1e-300)[:, None]
+            opposed = -np.sum(master * self._configuration.normals[:n], axis=1)
+            same = np.cos(np.radians(self._feature_angle))
+            _, first, count = np.unique(self._blocks, return_index=True, return_counts=True)
+            for start, size in zip(first[count > 1], count[count > 1]):
+                nodes = start + np.flatnonzero(carries[start : start + size])
+                kept: list[int] = []
+                for j in nodes[np.argsort(-opposed[nodes], kind="stable")]:
+                    if any(master[j] @ master[k] > same for k in kept):
+                        self._barred[j] = True
+                    else:
+                        kept.append(j)
 
     def _set_parameters(self, stiffness: npt.NDArray[np.float64]) -> None:
         """Set complementarity parameters [traction per weighted gap].
@@ -185,7 +211,7 @@ class Contact(Frictional, Interface):
             self._scale if self.is_frictional else None,
             self._c_n,
             self._c_t,
-            np.ascontiguousarray(self._data.carries[:n]),
+            self._data.carries[:n] * ~self._barred,
             np.ascontiguousarray(self._fixed[:n]),
             arguments.value(self._friction) or 0.0,
             arguments.value(self._tresca),

@@ -209,11 +209,20 @@ class Interface:
         """
         covered = nodal["coverage"] > self._min_coverage * self._weights
         carries = (self._candidates.astype(bool) & covered).astype(np.int8)
+        self._drop_repeated(nodal, carries)
         changed = bool(np.any(carries != self._data.carries))
         changed = self._layout.comm.allreduce(changed, op=MPI.LOR)
         if changed:
             self._data.carries = carries
         return changed
+
+    def _drop_repeated(self, nodal: dict, carries: npt.NDArray[np.int8]) -> None:
+        """Let no two nodes at one place carry the same condition. Collective.
+
+        Args:
+            nodal: Nodal integrals.
+            carries: Flags of local nodes, changed in place.
+        """
 
     def _positions(self, u_all: npt.NDArray[np.float64] | None) -> tuple[Any, Any]:
         if u_all is None and self._integration_positions is not None:
