@@ -78,7 +78,7 @@ def check(p, contact, x):
     p._cached = None
     p._evaluate(x)
     status = contact._status.copy()
-    s = linearise(p._coupling, p._assemble_tangent(), x[n:])
+    s = linearise(p._coupling, p._forms.tangent(), x[n:])
     K = sparse(s.K)
     if getattr(s, "K_c", None) is not None:
         K = K + sparse(s.K_c)
@@ -93,7 +93,7 @@ def check(p, contact, x):
         d[n:] *= 1000
         exact = J @ d
         best = np.inf
-        for h in (1e-6, 1e-7):
+        for h in (1e-5, 3e-6, 1e-6, 1e-7):
             f = []
             for step in (h, -h):
                 f.append(p._evaluate(x + step * d).copy())

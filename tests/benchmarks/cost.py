@@ -201,7 +201,7 @@ def main() -> None:
     results["set-up memory [MB]"] = memory() - before
     # Press the cubes together a little
     u.interpolate(lambda x: np.vstack([0 * x[0], 0 * x[1], -1e-3 * np.where(x[2] > 0, 1, 0)]))
-    results["tangent"] = best(problem._assemble_tangent, 1)
+    results["tangent"] = best(problem._forms.tangent, 1)
     results |= measure_interface(problem, contact)
 
     # One linearisation and condensation, as in Newton's iteration, without the solve
@@ -210,7 +210,7 @@ def main() -> None:
     problem._forced = None
     problem._begin()
     problem._evaluate(problem._x.array_r)
-    tangent = problem._assemble_tangent()
+    tangent = problem._forms.tangent()
     start = time.perf_counter()
     system = linearise(problem._coupling, tangent, problem._z)
     results["contact linearised"] = time.perf_counter() - start
