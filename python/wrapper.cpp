@@ -13,8 +13,8 @@ namespace nb = nanobind;
 
 namespace
 {
-/// Names in PETSc's database of options that nothing has asked for yet; petsc4py
-/// does not tell.
+/// Names in PETSc's database of options that nothing has asked for yet;
+/// petsc4py does not tell.
 std::vector<std::string> unread_options()
 {
   PetscInt num = 0;

@@ -1,8 +1,8 @@
 // Copyright (C) 2026 the dolfinx_mortar developers
 // SPDX-License-Identifier: MIT
 
-#include "block_accumulator.h"
 #include "coupling.h"
+#include "block_accumulator.h"
 #include "error.h"
 #include "integrals.h"
 #include "patches.h"

@@ -1,10 +1,10 @@
 // Copyright (C) 2026 the dolfinx_mortar developers
 // SPDX-License-Identifier: MIT
 
+#include "search.h"
 #include "boxes.h"
 #include "error.h"
 #include "mpi_exchange.h"
-#include "search.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
