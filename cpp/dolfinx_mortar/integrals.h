@@ -50,8 +50,8 @@ struct FacetIntegrals
   double lost = 0;
 
   /// Non-zero for nodes around which the gap is below 5 % of the facet's
-  /// diameter at some point: where Ñ_k is at least three quarters of its largest
-  /// value at all points. Shape (n)
+  /// diameter at some point: where Ñ_k is at least three quarters of its
+  /// largest value at all points. Shape (n)
   std::array<std::int8_t, max_facet_nodes> touches = {};
 
   /// ∫ Ñ_k over the covered part, shape (n)

@@ -103,10 +103,10 @@ std::vector<std::int8_t> find_closed(const ContactState& s,
   std::vector<std::int8_t> closed(num);
   for (std::size_t j = 0; j < num; ++j)
   {
-    closed[j] = s.carries[j]
-                and (forced.empty()
-                         ? trial_pressure(s, j) > 0 and can_close(s, j)
-                         : forced[j] != Status::open);
+    closed[j]
+        = s.carries[j]
+          and (forced.empty() ? trial_pressure(s, j) > 0 and can_close(s, j)
+                              : forced[j] != Status::open);
   }
   for (std::size_t j = 0; j < num;)
   {

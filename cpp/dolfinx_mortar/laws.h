@@ -59,8 +59,8 @@ struct ContactState
   /// Non-zero for components whose displacement is prescribed, shape (n, 3)
   std::span<const std::int8_t> fixed;
 
-  /// Non-zero for open nodes that can close, see NodalIntegrals; empty where all
-  /// can
+  /// Non-zero for open nodes that can close, see NodalIntegrals; empty where
+  /// all can
   std::span<const std::int8_t> near;
 
   /// Displacement block of each node, shape (n). Nodes of one block are
