@@ -50,9 +50,7 @@ def corner(
     for p in range(1, 2 + walls):
         low = [0.0, 0.0, 0.0]
         low[(2, 0, 1)[p - 1]] = -0.5
-        held += [
-            cases.Dirichlet(p, lambda x, c=c, v=low[c]: near(v)(x[c]), (c,)) for c in range(3)
-        ]
+        held += [cases.Dirichlet(p, lambda x, c=c, v=low[c]: near(v)(x[c]), (c,)) for c in range(3)]
     held += [cases.Dirichlet(0, lambda x, c=c: near(0)(x[c]), (c,)) for c in range(walls, 2)]
     contact = cases.Interface(
         "contact",

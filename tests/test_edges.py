@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Contact of slave surfaces with edges: one condition for each patch that meets a master."""
 
+from mpi4py import MPI
+
 import blocks
 import cases
 import numpy as np
@@ -9,7 +11,6 @@ import oracle
 import pytest
 from blocks import FACES
 from corner import PRESSURE, corner
-from mpi4py import MPI
 
 comm = MPI.COMM_WORLD
 ELEMENTS = ("tet4", "hex8", "tet10", "hex20", "hex27")
@@ -55,7 +56,7 @@ def test_three_patches_transfer_constant_stress(element, multiplier):
 
 
 def cube_on_plate(element, faces, top, **options):
-    """A cube of neo-Hooke's material pressed on a plate; some of its faces are the slave surface."""
+    """A neo-Hookean cube pressed on a plate; some of its faces are the slave surface."""
     energy = cases.neo_hooke(blocks.E, blocks.NU)
     parts = [
         blocks.block("cube", element, (0, 0, 0), (1, 1, 1), (3, 3, 2), energy),
@@ -107,7 +108,9 @@ def test_condensed_iterates_are_those_of_the_saddle_point(walls, friction):
     assert np.abs(solutions[0] - solutions[1]).max(initial=0.0) < 1e-11 * scale
 
 
-@pytest.mark.parametrize("pair", [("hex8", "hex8"), ("tet10", "hex27"), ("hex20", "tet10")], ids=str)
+@pytest.mark.parametrize(
+    "pair", [("hex8", "hex8"), ("tet10", "hex27"), ("hex20", "tet10")], ids=str
+)
 def test_newton_ends_quadratically_in_a_corner(pair):
     s = neo_hookean_corner(*pair, 2, friction=0.3)
     s.problem.solve()

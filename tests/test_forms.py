@@ -121,5 +121,3 @@ def test_conditions_and_interfaces_of_another_kind(bodies):
     fails(lambda: dm.ContactProblem(F, u, interfaces=twice), "named twice")
     fails(lambda: dm.Interface(slave=sides.slave, master=sides.master), "Tie or a Contact")
     assert dm.ContactProblem(F, u, interfaces=contact).interfaces == (contact,)
-
-

@@ -193,7 +193,9 @@ def corner_problem(slave, master, walls, **options):
 
 
 @pytest.mark.parametrize("state", FRICTION)
-@pytest.mark.parametrize("pair", [("hex8", "hex8"), ("hex20", "tet10"), ("tet10", "hex27")], ids=str)
+@pytest.mark.parametrize(
+    "pair", [("hex8", "hex8"), ("hex20", "tet10"), ("tet10", "hex27")], ids=str
+)
 @pytest.mark.parametrize("walls", [1, 2])
 def test_edges(state, pair, walls):
     p, contact = corner_problem(*pair, walls, friction=FRICTION[state], c_n=1e3, c_t=1e3)

@@ -94,9 +94,7 @@ class LinearSolver:
             return f"{text}): {SINGULAR}"
         text += f" after {self.ksp.getIterationNumber()} iterations of {self.ksp.getType()}"
         if reason == reasons.DIVERGED_MAX_IT:
-            return (
-                f"{text}): allow more (ksp_max_it), or choose another preconditioner (pc_type)."
-            )
+            return f"{text}): allow more (ksp_max_it), or choose another preconditioner (pc_type)."
         # An iteration that stagnates does not tell whether the system or the solver is to blame
         return (
             f"{text}): the solver does not fit the system. Choose another preconditioner (pc_type) "

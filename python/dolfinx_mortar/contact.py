@@ -89,9 +89,7 @@ class Contact(Frictional, Interface):
                 raise ValueError("A given normal makes sense only with geometry='reference'.")
             same.update(self._friction_arguments())
             same["c_n"], same["c_t"], same["geometry"] = c_n, c_t, geometry
-            same["initial_active"] = (
-                "a function" if callable(initial_active) else initial_active
-            )
+            same["initial_active"] = "a function" if callable(initial_active) else initial_active
             same["normal"] = None if normal is None else self._normal.tolist()
             arguments.positive("feature_angle", feature_angle, "of degrees")
             if feature_angle > 180:

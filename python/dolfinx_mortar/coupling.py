@@ -389,9 +389,7 @@ class Coupling:
             u: Owned displacements.
             force: Residual forces without those of contact, zero at Dirichlet dofs.
         """
-        motions = rigidity.free_motions(
-            self.layout, self.ties, self.fixed_dofs, self.positions(u)
-        )
+        motions = rigidity.free_motions(self.layout, self.ties, self.fixed_dofs, self.positions(u))
         if motions.shape[1] == 0:
             return False
         # What K resists, as where bodies have springs or inertia, is not free

@@ -66,9 +66,7 @@ class ActiveNodes:
         nodes = np.flatnonzero(self.flags.any(axis=1))
         nodes = nodes[np.argsort(self.own[nodes], kind="stable")]
         _, first, count = np.unique(self.own[nodes], return_index=True, return_counts=True)
-        return [
-            nodes[first[count == m][:, None] + np.arange(m)] for m in np.unique(count) if m > 1
-        ]
+        return [nodes[first[count == m][:, None] + np.arange(m)] for m in np.unique(count) if m > 1]
 
 
 @dataclass

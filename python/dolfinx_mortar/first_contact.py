@@ -88,8 +88,7 @@ def find_first_nodes(
     ]
     contacts = coupling.contacts
     choices = [
-        [_first(c, rate, n, patch) for c, rate, n in zip(contacts, rates, near)]
-        for patch in _FIRST
+        [_first(c, rate, n, patch) for c, rate, n in zip(contacts, rates, near)] for patch in _FIRST
     ]
     choices += [[n & _approaching(c, rate) for c, rate, n in zip(contacts, rates, near)]]
     needed = _rank(coupling, relative, gram, near)

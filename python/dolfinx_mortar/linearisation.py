@@ -130,9 +130,7 @@ def _active_nodes(coupling: Coupling) -> ActiveNodes:
     flags, stick = np.zeros((n, 3), dtype=bool), np.zeros(n, dtype=bool)
     blocks, directions = np.zeros((2, n, 3, 3))
     diagonal, own, normals = np.zeros(n), np.zeros(n, dtype=np.int32), np.zeros((n, 3))
-    couplings = [
-        (np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))
-    ]
+    couplings = [(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))]
     eye = np.eye(3)
     for i in coupling.interfaces:
         nodes, size = m.nodes(i), i.num_owned

@@ -169,9 +169,7 @@ class PetscOptions:
         for name in sorted((self._unread or set()) & set(self.given)):
             near = _meant(name)
             if near:
-                raise ValueError(
-                    f"PETSc has no use for the option {name!r}: is {near!r} meant?"
-                )
+                raise ValueError(f"PETSc has no use for the option {name!r}: is {near!r} meant?")
 
     def warn_of_unread(self, comm: MPI.Comm) -> None:
         """Warn, once, of options that nothing has asked for in the first solve. Collective."""

@@ -68,7 +68,8 @@ def local_entries(
         comm: Communicator.
         rows: Local number of rows.
         columns: Local number of columns.
-        i, j: Local rows and columns; values of equal ones are added.
+        i: Local rows of the entries.
+        j: Local columns; values of equal rows and columns are added.
         values: Entries.
     """
     first = comm.exscan(columns) or 0
