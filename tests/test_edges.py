@@ -172,3 +172,11 @@ def test_drag_along_an_edge(element):
     assert np.allclose(tangential[:, 0], friction * pressure, rtol=1e-3)
     _, patches = np.unique(c._surface_slave.blocks[: c.num_owned][closed], return_counts=True)
     assert comm.allreduce(int(np.sum(patches == 2))) >= 3
+
+
+def test_no_inverse_at_edges():
+    """D has more rows than slave dofs where a node carries several multipliers."""
+    s = neo_hookean_corner("hex8", "hex8", 1)
+    s.problem.solve()
+    with pytest.raises(RuntimeError, match="one multiplier for each of the patches"):
+        _ = s.contact.P

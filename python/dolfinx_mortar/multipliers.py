@@ -330,11 +330,21 @@ class Multipliers:
         return self.assemble(self.ties)
 
     def inverse(self, interface: Interface) -> PETSc.Mat:
-        """D⁻¹ = T D̃⁻¹ of an interface with dual multipliers. Collective."""
+        """D⁻¹ = T D̃⁻¹ of an interface with dual multipliers. Collective.
+
+        Raises:
+            RuntimeError: A node on an edge carries a multiplier for each of several patches.
+        """
         n = interface.num_owned
         carries = np.repeat(interface._data.carries[:n].astype(bool), 3)
         diagonal = np.repeat(interface._nodal["diagonal"][:n], 3)[carries]
         rows = self.own_dofs(interface)[carries]
+        if sparse.any_rank(self.comm, len(np.unique(rows)) < len(rows)):
+            raise RuntimeError(
+                "D has no inverse where slave nodes on an edge carry one multiplier for each of "
+                "the patches that meet there: D⁻¹ and P are not available. Tag one smooth side of "
+                "the edge, or average normals over edges with feature_angle=180."
+            )
         columns = self.slice(interface).start + np.flatnonzero(carries)
         order = np.argsort(rows)
         E = sparse.selection(
