@@ -16,7 +16,7 @@ FEATURE = np.radians(40)
 
 
 def roof(angle):
-    """A ridge along x = 0.5, both sides falling so that their normals have the angle between them."""
+    """A ridge along x = 0.5; the normals of its two sides have the angle between them."""
     slope = np.tan(np.radians(angle) / 2)
     return lambda x, y: -slope * np.abs(x - 0.5)
 
