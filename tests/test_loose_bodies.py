@@ -11,6 +11,7 @@ import pytest
 import ufl
 from blocks import NU, E
 from dolfinx import fem
+from dolfinx_mortar import support
 from test_bad_contact import Blocks, refused
 
 comm = MPI.COMM_WORLD
@@ -102,15 +103,17 @@ def test_whole_pin_with_friction(clearance, angle):
     np.testing.assert_allclose(contact.force, -load.value * volume(u), rtol=1e-6, atol=1e-6)
 
 
+@pytest.mark.parametrize("cells", [((3, 3, 2), (4, 4, 2)), ((5, 5, 2), (7, 7, 2))])
+@pytest.mark.parametrize("force", [(4.0, 0.0), (3.0, 3.0)])
 @pytest.mark.parametrize("before", [None, 2.0])
-def test_block_past_the_angle_of_friction(before):
+def test_block_past_the_angle_of_friction(cells, force, before):
     """Friction of 0.3 does not hold a force of 4 along the surface under one of 10."""
-    block = Blocks(held=None, friction=0.3)
-    for force in [before] * (before is not None):
-        block.load.value[:] = force, 0.0, -10.0
+    block = Blocks(held=None, friction=0.3, cells=cells)
+    if before is not None:
+        block.load.value[:] = before, 0.0, -10.0
         block.solve()
-        assert block.contact.force[0] == pytest.approx(-0.36 * force, rel=1e-6)
-    block.load.value[:] = 4.0, 0.0, -10.0
+        assert block.contact.force[0] == pytest.approx(-0.36 * before, rel=1e-6)
+    block.load.value[:] = *force, -10.0
     error = refused(block, "All nodes in contact slip", "slides away", "no static solution")
     assert len(error.history) < 12
 
@@ -127,3 +130,34 @@ def test_dragged_block_does_not_slide_away():
     block.motion.value[:] = 0.12, 0.0, -0.02
     error = refused(block, "did not converge")
     assert "slides away" not in str(error)
+
+
+@pytest.mark.parametrize(
+    "friction, force, overloaded",
+    [
+        (0.3, (2.9, 0), False),
+        (0.3, (3.3, 0), True),
+        (0.3, (2.0, 2.0), False),
+        (0.3, (2.3, 2.3), True),
+        # Its height is its width: it tips over where friction is no bound
+        (2.0, (4.7, 0), False),
+        (2.0, (0, -5.3), True),
+    ],
+)
+def test_what_friction_can_balance(friction, force, overloaded):
+    block = Blocks(held=None, friction=friction, petsc_options={"snes_max_it": 1})
+    block.load.value[:] = *force, -10.0
+    refused(block, "did not converge")
+    assert support.is_overloaded(block.problem) == overloaded
+
+
+def test_springs_hold_a_block_that_slips():
+    def on_springs(E, nu):
+        energy = cases.neo_hooke(E, nu)
+        return lambda u: energy(u) + 50 * ufl.inner(u, u)
+
+    block = Blocks(held=None, friction=0.3, energy=on_springs)
+    block.load.value[:] = 6.0, 0.0, -10.0
+    block.solve()
+    assert block.problem.history[-1]["stick"] == 0
+    assert not support.is_overloaded(block.problem)

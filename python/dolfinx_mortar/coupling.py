@@ -11,7 +11,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg
 from dolfinx import fem
 
 from . import cpp, plausibility, rigidity, sparse
@@ -381,28 +380,16 @@ class Coupling:
         """Whether no body can move rigidly without contact. Collective."""
         return rigidity.is_held(self.layout, self.ties, self.fixed_dofs)
 
-    def is_flying(self, K: PETSc.Mat, u: npt.NDArray, force: npt.NDArray) -> bool:
-        """Whether a body moves freely under its loads where no contact is active. Collective.
+    def loose_motions(self, K: PETSc.Mat, u: npt.NDArray) -> npt.NDArray[np.float64]:
+        """Rigid motions of the owned displacement dofs that contact alone resists. Collective.
 
         Args:
             K: Tangent of the bodies.
             u: Owned displacements.
-            force: Residual forces without those of contact, zero at Dirichlet dofs.
         """
-        motions = rigidity.free_motions(self.layout, self.ties, self.fixed_dofs, self.positions(u))
-        if motions.shape[1] == 0:
-            return False
-        # What K resists, as where bodies have springs or inertia, is not free
-        stiffness = np.abs(K.getDiagonal().array)[:, None] * motions
-        resistance = np.column_stack([sparse.product(K, m) for m in motions.T])
-        resistance[self.fixed_dofs] = 0.0
-        sums = [stiffness.T @ stiffness, resistance.T @ resistance]
-        scale, resisted = self.comm.allreduce(np.array(sums))
-        values, vectors = scipy.linalg.eigh(resisted, scale)
-        loose = motions @ vectors[:, values < 1e-14]
-        work, size = self.comm.allreduce(np.array([force @ loose, np.sum(loose**2, axis=0)]))
-        total = self.comm.allreduce(float(force @ force))
-        return bool(np.any(np.abs(work) > 1e-8 * np.sqrt(total * size)))
+        x = self.positions(u)
+        motions = rigidity.free_motions(self.layout, self.ties, self.fixed_dofs, x)
+        return rigidity.unresisted(motions, K, self.fixed_dofs)
 
     def diagnose(self) -> str:
         """What may be behind a failure after contact was lost. Collective."""

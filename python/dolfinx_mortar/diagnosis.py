@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from . import coverage, plausibility
 from .errors import ConvergenceError
+from .support import find_sliding
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -113,33 +114,6 @@ def hint(problem: ContactProblem) -> str:
         text = coverage.find_barely_covered(p._coupling.interfaces)
         text = text and f" {text}{SMALLER}"
     return text
-
-
-def find_sliding(problem: ContactProblem) -> str:
-    """Whether a failure looks like that of a body that slides away. Collective.
-
-    The iteration ends with all nodes slipping, before contact may be lost altogether, and only
-    contact holds a body.
-
-    Args:
-        problem: Problem.
-
-    Returns:
-        A sentence; empty where it does not.
-    """
-    history, coupling = problem.history, problem._coupling
-    stuck = [i for i, h in enumerate(history) if h["stick"] > 0]
-    end = history[stuck[-1] + 1 if stuck else 0 :]
-    slipping = sum(h["slip"] > 0 for h in end)
-    frictional = coupling.has_contact and all(c.is_frictional for c in coupling.contacts)
-    if slipping < 2 or not frictional or coupling.is_held():
-        return ""
-    return (
-        " All nodes in contact slip, and nothing but friction holds a body along the surface: "
-        "where loads exceed friction the body slides away, and there is no static solution. "
-        "Lower these loads, raise the friction or prescribe a displacement of the body; close "
-        "to the limit smaller load steps help. The state is as before the step."
-    )
 
 
 def complain_of_solution(problem: ContactProblem) -> str:

@@ -74,13 +74,7 @@ def find_first_nodes(
         return None
     near = [_nearest(c) for c in coupling.contacts]
     gram = coupling.comm.allreduce(motions.T @ motions)
-    # Relative motions of slave and master that each free motion makes
-    moved = [sparse.product(coupling.B_contact, m) for m in motions.T]
-    relative = [
-        np.stack([m[coupling.multipliers.slice(c)].reshape(-1, 3) for m in moved], axis=-1)
-        / np.maximum(c._nodal["weight"][: c.num_owned], 1e-300)[:, None, None]
-        for c in coupling.contacts
-    ]
+    relative = relative_motions(coupling, motions)
     drive = _drive(coupling.comm, motions, gram, force)
     rates = [
         np.einsum("nc,nci,i->n", c._configuration.normals[: c.num_owned], r, drive)
@@ -96,6 +90,26 @@ def find_first_nodes(
         if _rank(coupling, relative, gram, flags) >= needed:
             return flags
     return near
+
+
+def relative_motions(
+    coupling: Coupling, motions: npt.NDArray[np.float64]
+) -> list[npt.NDArray[np.float64]]:
+    """Motions of slaves relative to masters, at the last evaluated state. Collective.
+
+    Args:
+        coupling: Interfaces.
+        motions: Motions of the owned displacement dofs, shape (size_u, number of motions).
+
+    Returns:
+        Means at the owned nodes of each contact, shape (num_owned, 3, number of motions).
+    """
+    moved = [sparse.product(coupling.B_contact, m) for m in motions.T]
+    return [
+        np.stack([m[coupling.multipliers.slice(c)].reshape(-1, 3) for m in moved], axis=-1)
+        / np.maximum(c._nodal["weight"][: c.num_owned], 1e-300)[:, None, None]
+        for c in coupling.contacts
+    ]
 
 
 def _drive(comm, motions, gram, force) -> npt.NDArray[np.float64]:

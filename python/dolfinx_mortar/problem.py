@@ -28,6 +28,7 @@ from .interfaces import Interface
 from .layout import Layout
 from .linearisation import linearise
 from .petsc_options import PetscOptions
+from .support import Balance, check_support
 
 
 class ContactProblem:
@@ -98,6 +99,8 @@ class ContactProblem:
         self._n_u, self._n_z = self._layout.size_u, self._coupling.multipliers.size
         self._z = np.zeros(self._n_z)
         self._started = False
+        #: What friction alone has to balance, if anything
+        self._balance: Balance | None = None
         self.history: list[dict] = []
         self.snes, self._x, self._solver = newton.create(self, self._options, condense)
         # Nothing can fail any more: before, interfaces are free for another attempt
@@ -169,23 +172,14 @@ class ContactProblem:
         size = np.clip(np.abs(x.array_r[: self._n_u]), 0.1 * self._cell_size, 10 * self._size)
         self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * size)
         self._system = linearise(self._coupling, K, self._z)
-        if self._coupling.has_contact and self.history[-1]["active"] == 0:
-            self._check_held(K)
+        if self._coupling.has_contact:
+            check_support(self, K)
         bare = bool(np.any(self._system.diagonal == 0)) and self._solver.condense
         if self.comm.allreduce(bare, op=MPI.LOR):
             raise ConvergenceError(
                 "No master covers a slave node in contact any more, so that its multiplier can not "
                 f"be condensed.{SMALLER}"
             )
-
-    def _check_held(self, K: PETSc.Mat) -> None:
-        """Do not solve for the flight of a body that nothing holds. Collective.
-
-        Raises:
-            ConvergenceError: Loads act on such a body.
-        """
-        if self._coupling.is_flying(K, self._cached[0][: self._n_u], self._free_forces()):
-            raise ConvergenceError("Nothing holds a body against its loads.")
 
     def _free_forces(self) -> npt.NDArray[np.float64]:
         """Residual forces without those of contact, zero at Dirichlet dofs."""

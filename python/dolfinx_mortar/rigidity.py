@@ -7,12 +7,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from mpi4py import MPI
+from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
+import scipy.linalg
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from . import sparse
 from .interfaces import Tie
 from .layout import Layout
 
@@ -60,6 +63,30 @@ def free_motions(
         on_body = np.repeat(labels == label, 3)[:, None]
         free.append(np.where(on_body, modes @ vectors[:, values <= tolerance], 0.0))
     return np.hstack(free)
+
+
+def unresisted(
+    motions: npt.NDArray[np.float64], K: PETSc.Mat, fixed: npt.NDArray[np.int32]
+) -> npt.NDArray[np.float64]:
+    """Those combinations of motions that a stiffness, as of springs or inertia, leaves free.
+
+    Collective.
+
+    Args:
+        motions: Motions of the owned displacement dofs, shape (size_u, number of motions).
+        K: Tangent of the bodies.
+        fixed: Owned displacement dofs (local) with a Dirichlet condition.
+    """
+    if motions.shape[1] == 0:
+        return motions
+    comm = K.getComm().tompi4py()
+    stiffness = np.abs(K.getDiagonal().array)[:, None] * motions
+    resistance = np.column_stack([sparse.product(K, m) for m in motions.T])
+    resistance[fixed] = 0.0
+    sums = [stiffness.T @ stiffness, resistance.T @ resistance]
+    scale, resisted = comm.allreduce(np.array(sums))
+    values, vectors = scipy.linalg.eigh(resisted, scale)
+    return motions @ vectors[:, values < 1e-14]
 
 
 def _rigid_modes(x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
