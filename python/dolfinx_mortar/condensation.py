@@ -67,6 +67,12 @@ class LinearSolver:
             pc.setType("python")
             pc.setPythonContext(self._reduced)
 
+    def destroy(self) -> None:
+        """Free the Krylov solver and its preconditioner. Collective."""
+        if self._reduced is not None:
+            self._reduced.release()
+        self.ksp.destroy()
+
     def solve(
         self, s: NewtonSystem, r_u: npt.NDArray[np.float64], r_z: npt.NDArray[np.float64]
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:

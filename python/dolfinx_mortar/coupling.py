@@ -221,6 +221,13 @@ class Coupling:
         sparse.destroy(*(self._contact_pair or ()), *(self._combined or ()), self.B_old)
         self._contact_pair = self._combined = self.B_old = None
 
+    def destroy(self) -> None:
+        """Free all matrices. Collective."""
+        self._release_matrices()
+        sparse.destroy(*(self.B_ties or ()), self.B, self.B_tilde)
+        self.B_ties = self.B = self.B_tilde = None
+        self.multipliers.destroy()
+
     # -- Residual -----------------------------------------------------------------
 
     def evaluate(

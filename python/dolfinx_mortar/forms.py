@@ -15,7 +15,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.common import Timer
 
-from . import compat, sparse
+from . import compat, memory, sparse
 from .layout import Layout
 
 #: Of forms with 0, 1 and 2 arguments
@@ -149,6 +149,11 @@ class BodyForms:
         self._residuals = [fem.form(f, **options) for f in residuals]
         self._tangents = [fem.form(f, **options) for f in tangents]
         self._matrices = [compat.create_matrix(f) for f in self._tangents]
+        memory.keep(self, layout.comm, self._matrices)
+
+    def destroy(self) -> None:
+        """Free the tangents. Collective."""
+        sparse.destroy(*self._matrices)
 
     def residual(self) -> npt.NDArray[np.float64]:
         """Residual forces of the owned dofs at the present displacement, shape (size_u,)."""

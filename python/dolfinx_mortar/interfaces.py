@@ -16,11 +16,12 @@ from dolfinx import fem
 from dolfinx.common import Timer
 from dolfinx.mesh import MeshTags
 
-from . import agreement, arguments, cpp, parts
+from . import agreement, arguments, cpp, memory, parts, sparse
 from .coverage import MIN_COVERAGE
 
 if TYPE_CHECKING:
     from .layout import Layout
+    from .multipliers import Multipliers
     from .problem import ContactProblem
 
 _SPACES = {
@@ -258,6 +259,7 @@ class Interface:
                 "The interface is not part of a ContactProblem yet: name it in "
                 "ContactProblem(..., interfaces=[...]) first."
             )
+        self._problem._check_alive()
         return self._problem
 
     def _spread(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -323,13 +325,19 @@ class Interface:
 
     # -- Matrices -------------------------------------------------------------
 
-    def _matrices(self, u_all: npt.NDArray[np.float64] | None) -> tuple[PETSc.Mat, PETSc.Mat]:
-        multipliers = self._owner()._coupling.multipliers
-        D, M = multipliers.z_by_u(), multipliers.z_by_u()
-        cpp.integrate(self._data, self._configure(u_all), D=D, M=M)
-        D.assemble()
-        M.assemble()
-        return D, M
+    # Each access makes a new matrix, which is the caller's
+
+    def _multipliers_of_owner(self) -> Multipliers:
+        coupling = self._owner()._coupling
+        memory.free_forgotten(coupling.comm)  # as earlier matrices
+        return coupling.multipliers
+
+    def _matrix(self, name: str) -> PETSc.Mat:
+        """D or M. Collective."""
+        A = self._multipliers_of_owner().z_by_u()
+        cpp.integrate(self._data, self._configure(self._current()), **{name: A})
+        A.assemble()
+        return A
 
     def _current(self) -> npt.NDArray[np.float64] | None:
         """Displacements that the matrices belong to; None for the reference configuration."""
@@ -338,17 +346,17 @@ class Interface:
     @property
     def D(self) -> PETSc.Mat:
         """D_jk = ∫ Φ_j N_k (equation 3.5): multiplier dofs by displacement dofs. Collective."""
-        return self._matrices(self._current())[0]
+        return self._matrix("D")
 
     @property
     def M(self) -> PETSc.Mat:
         """M_jl = ∫ Φ_j N_l∘P (equation 3.6): multiplier dofs by displacement dofs. Collective."""
-        return self._matrices(self._current())[1]
+        return self._matrix("M")
 
     @property
     def T(self) -> PETSc.Mat:
         """Basis transformation (equations 4.5, 4.13): displacement by displacement dofs."""
-        return self._owner()._coupling.multipliers.transformation([self], inverse=False)
+        return self._multipliers_of_owner().transformation([self], inverse=False)
 
     def _inverse(self) -> PETSc.Mat:
         if self.multiplier_space != "dual":
@@ -356,12 +364,12 @@ class Interface:
                 "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and constraints are "
                 f"not available with {self.multiplier_space!r}."
             )
-        return self._owner()._coupling.multipliers.inverse(self)
+        return self._multipliers_of_owner().inverse(self)
 
     @property
     def T_inverse(self) -> PETSc.Mat:
         """Exact inverse of T (equations 4.6, 4.14)."""
-        return self._owner()._coupling.multipliers.transformation([self], inverse=True)
+        return self._multipliers_of_owner().transformation([self], inverse=True)
 
     @property
     def D_inverse(self) -> PETSc.Mat:
@@ -380,7 +388,9 @@ class Interface:
             RuntimeError: The multipliers are not ``"dual"``.
         """
         inverse, M = self._inverse(), self.M
-        return inverse.matMult(M)
+        P = inverse.matMult(M)
+        sparse.destroy(inverse, M)
+        return P
 
 
 class Tie(Interface):
@@ -424,6 +434,6 @@ class Tie(Interface):
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        coupling = self._owner()._coupling
-        assert coupling.B_ties is not None
-        return coupling.multipliers.constraints(self, coupling.B_ties[1])
+        multipliers, B = self._multipliers_of_owner(), self._owner()._coupling.B_ties
+        assert B is not None
+        return multipliers.constraints(self, B[1])

@@ -12,7 +12,7 @@ from dolfinx import fem, la
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from . import compat, cpp
+from . import compat, cpp, memory
 
 
 class Layout:
@@ -25,6 +25,7 @@ class Layout:
         spaces: Displacement space of each body.
 
     Attributes:
+        comm: Communicator of all matrices and vectors.
         blocks: For each body the number of each local (owned and ghost) block.
         num_owned: For each body the number of owned blocks.
         num_local: For each body the number of local blocks.
@@ -33,7 +34,8 @@ class Layout:
 
     def __init__(self, spaces: Sequence[fem.FunctionSpace]):
         self.spaces = list(spaces)
-        self.comm = self.spaces[0].mesh.comm
+        self.comm = memory.communicator(self.spaces[0].mesh.comm)
+        memory.free_forgotten(self.comm)
         self._scalar: dict[int, fem.FunctionSpace] = {}
         self._parts: dict[int, npt.NDArray[np.int64]] = {}
         maps = [V.dofmap.index_map for V in self.spaces]

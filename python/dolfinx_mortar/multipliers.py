@@ -280,6 +280,11 @@ class Multipliers:
             self.T, self.T_minus_one = T_minus_one.copy(), T_minus_one
             self._add_identity(self.T, np.ones(self.layout.size_u, dtype=bool), 1.0)
 
+    def destroy(self) -> None:
+        """Free all matrices. Collective."""
+        sparse.destroy(self.T, self.T_minus_one)
+        self.T = self.T_minus_one = None
+
     # -- Mortar matrices -----------------------------------------------------------
 
     def z_by_u(self) -> PETSc.Mat:
@@ -357,7 +362,10 @@ class Multipliers:
         )
         if self.T is None:
             return E
-        return self.transformation([interface], False).matMult(E)
+        T = self.transformation([interface], False)
+        D_inverse = T.matMult(E)
+        sparse.destroy(T, E)
+        return D_inverse
 
     def constraints(self, tie: Tie, B_tilde: PETSc.Mat):
         """See :meth:`Tie.constraints`.
@@ -374,15 +382,19 @@ class Multipliers:
         keep = np.ones(n_u)
         keep[own] = 0.0
         B = sparse.scale_rows(B_tilde.copy(), self.mask([tie]))
-        C = tie._inverse().matMult(sparse.scale_columns(B, keep))
-        C.scale(-1.0)
+        D_inverse = tie._inverse()
+        DB = D_inverse.matMult(sparse.scale_columns(B, keep))
         rows = np.flatnonzero(keep)
-        C.axpy(1.0, T.matMult(sparse.selection(self.comm, n_u, n_u, rows, rows)))
-        C = C.matMult(T_inverse)
+        kept = sparse.selection(self.comm, n_u, n_u, rows, rows)
+        R = T.matMult(kept)
+        R.axpy(-1.0, DB)
+        C = R.matMult(T_inverse)
+        sparse.destroy(T, T_inverse, B, D_inverse, DB, kept, R)
         first = self.layout.first_u
         out = []
         for dof in sorted(own):
             columns, values = C.getRow(first + dof)
             used = np.abs(values) > 1e-14 * np.max(np.abs(values), initial=0.0)
             out.append((int(first + dof), columns[used].astype(np.int64), values[used]))
+        C.destroy()
         return out

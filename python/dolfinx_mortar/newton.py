@@ -14,7 +14,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
+from . import agreement, diagnosis
 from .condensation import LinearSolver
+from .diagnosis import SMALLER
+from .errors import ConvergenceError
 from .petsc_options import PetscOptions
 
 if TYPE_CHECKING:
@@ -70,7 +73,8 @@ def _create_snes(problem: ContactProblem, prefix: str) -> tuple[PETSc.SNES, PETS
     snes.setFunction(weak(problem._snes_function), f)
     snes.setJacobian(weak(problem._snes_jacobian), matrix)
     snes.setConvergenceTest(weak(problem._converged))
-    snes.setLineSearchPreCheck(weak(problem._precheck))
+    proxy = weakref.proxy(problem)
+    snes.setLineSearchPreCheck(lambda x, y: _shorten(proxy, x, y))
     ksp = snes.getKSP()
     ksp.setOptionsPrefix(prefix + "newton_")
     ksp.setType("preonly")
@@ -114,6 +118,50 @@ def row_scale(problem: ContactProblem) -> npt.NDArray[np.float64] | float:
     scale = np.ones(len(stiffness))
     scale[fixed] = stiffness[fixed]
     return np.concatenate([scale, problem._coupling.force_scale(stiffness)])
+
+
+def _shorten(p: ContactProblem, x: PETSc.Vec, y: PETSc.Vec) -> None:
+    """Shorten the step until the residual is finite (no cell is inside out).
+
+    Raises:
+        ConvergenceError: It never is; the message says what is not finite.
+    """
+    with agreement.alike(p.comm):
+        if p._raised is not None:
+            raise p._raised
+        p._interrupts.handle()
+    if not np.isfinite(p._norm(y.array_r)):
+        raise ConvergenceError(
+            "The linear solver found no finite solution. The system may be singular, as where "
+            "a body is not held (check the Dirichlet conditions); a saddle point needs a "
+            "solver that chooses its pivots (MUMPS)."
+        )
+    p._iteration_step = 1.0
+    #: Where the step begins, and the length of Newton's
+    p._before = x.array_r.copy(), p._norm(y.array_r)
+    if p._cycle_pending:
+        # A cycle of active sets: a shorter step leads out of it
+        y.scale(0.5)
+        p._iteration_step = 0.5
+        p._cycle_pending = False
+    p._forced = None
+    p._failure = ""
+    for _ in range(10):
+        try:
+            f = p._evaluate(x.array_r - y.array_r)
+            failure = diagnosis.find_infinite(p, f)
+        except RuntimeError as error:
+            failure = str(error)
+        if not failure:
+            return
+        p._failure = failure
+        p._cached = None
+        y.scale(0.5)
+        p._iteration_step *= 0.5
+    raise ConvergenceError(
+        f"However short the step ({p._iteration_step:.0e} of Newton's), it leads to no "
+        f"admissible state. {p._failure}{SMALLER}"
+    )
 
 
 def _print_sets(problem: ContactProblem) -> None:

@@ -26,12 +26,13 @@ from .first_contact import initial_status
 from .forms import BodyForms, check_functions
 from .interfaces import Interface
 from .layout import Layout
-from .linearisation import linearise
+from .linearisation import NewtonSystem, linearise
+from .memory import Destroyable, free_forgotten
 from .petsc_options import PetscOptions
 from .support import Balance, check_support
 
 
-class ContactProblem:
+class ContactProblem(Destroyable):
     """Find u (and λ) such that F(u; v) + ∫ λ·(v⁽¹⁾ - v⁽²⁾∘P) = 0 under the interfaces' conditions.
 
     Shaped like DOLFINx's ``NonlinearProblem``: any UFL form of a displacement, one SNES. The
@@ -90,6 +91,7 @@ class ContactProblem:
             same["petsc_options"] = self._options.effective()
         self.u = u
         self._layout = Layout([f.function_space for f in self._functions])
+        self.comm = self._layout.comm  # that of all our matrices and vectors
         options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
         options = {k: v for k, v in options.items() if v is not None}
         self._forms = BodyForms(self._layout, F, J, options)
@@ -102,6 +104,7 @@ class ContactProblem:
         #: What friction alone has to balance, if anything
         self._balance: Balance | None = None
         self.history: list[dict] = []
+        self._system: NewtonSystem | None = None
         self.snes, self._x, self._solver = newton.create(self, self._options, condense)
         # Nothing can fail any more: before, interfaces are free for another attempt
         for i in self._interfaces:
@@ -112,10 +115,18 @@ class ContactProblem:
         """The interfaces; another set of them is another problem."""
         return self._interfaces
 
+    def _free(self) -> None:
+        self._release_system()
+        self._solver.destroy()
+        self._coupling.destroy()
+        self._forms.destroy()
+        self.snes.destroy()
+        self._x.destroy()
+
     # -- Newton's iteration ------------------------------------------------------
 
     # PETSc locks vectors around its calls, and leaves them locked where these raise: what they
-    # raise is kept until _precheck
+    # raise is kept until newton shortens the step
 
     def _snes_function(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
         try:
@@ -191,49 +202,6 @@ class ContactProblem:
         if self._system is not None:
             self._system.destroy()
             self._system = None
-
-    def _precheck(self, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        """Shorten the step until the residual is finite (no cell is inside out).
-
-        Raises:
-            ConvergenceError: It never is; the message says what is not finite.
-        """
-        with agreement.alike(self.comm):
-            if self._raised is not None:
-                raise self._raised
-            self._interrupts.handle()
-        if not np.isfinite(self._norm(y.array_r)):
-            raise ConvergenceError(
-                "The linear solver found no finite solution. The system may be singular, as where "
-                "a body is not held (check the Dirichlet conditions); a saddle point needs a "
-                "solver that chooses its pivots (MUMPS)."
-            )
-        self._iteration_step = 1.0
-        #: Where the step begins, and the length of Newton's
-        self._before = x.array_r.copy(), self._norm(y.array_r)
-        if self._cycle_pending:
-            # A cycle of active sets: a shorter step leads out of it
-            y.scale(0.5)
-            self._iteration_step = 0.5
-            self._cycle_pending = False
-        self._forced = None
-        self._failure = ""
-        for _ in range(10):
-            try:
-                f = self._evaluate(x.array_r - y.array_r)
-                failure = diagnosis.find_infinite(self, f)
-            except RuntimeError as error:
-                failure = str(error)
-            if not failure:
-                return
-            self._failure = failure
-            self._cached = None
-            y.scale(0.5)
-            self._iteration_step *= 0.5
-        raise ConvergenceError(
-            f"However short the step ({self._iteration_step:.0e} of Newton's), it leads to no "
-            f"admissible state. {self._failure}{SMALLER}"
-        )
 
     def _measures(self) -> dict:
         """Norms that decide on convergence. Collective."""
@@ -313,6 +281,7 @@ class ContactProblem:
         What a function of the user raises, and KeyboardInterrupt, comes through on all ranks; the
         state is then as before the call, too.
         """
+        self._check_alive()
         with agreement.alike(self.comm) as same:
             same["adaptive"] = "given" if adaptive is not None else None
             same["max_cuts"] = arguments.whole("max_cuts", max_cuts, 0)
@@ -344,6 +313,7 @@ class ContactProblem:
         Raises:
             RuntimeError: The file can not be written.
         """
+        self._check_alive()
         checks.check_path(self.comm, path)
         checkpoint.save(self, path)
 
@@ -354,6 +324,7 @@ class ContactProblem:
             RuntimeError: The file is missing, truncated, or of another problem; the state is
                 unchanged.
         """
+        self._check_alive()
         checks.check_path(self.comm, path)
         checks.check_changeable(self)
         checkpoint.load(self, path)
@@ -373,6 +344,7 @@ class ContactProblem:
         self._coupling.restore(coupling)
 
     def _solve_once(self) -> int:
+        free_forgotten(self.comm)
         checks.check_changeable(self)
         checks.check_unchanged(self)
         state = self._state()

@@ -76,6 +76,11 @@ class ReducedPreconditioner:
         self._modes = PETSc.NullSpace().createRigidBody(coordinates)
         self._W: PETSc.Mat | None = None
 
+    def release(self) -> None:
+        """Free what belongs to the last system. Collective."""
+        sparse.destroy(self._inner, self._W)
+        self._inner = self._W = None
+
     def prepare(
         self, s: NewtonSystem, e: Elimination, E: PETSc.Mat, scale: npt.NDArray[np.float64]
     ) -> None:
@@ -92,7 +97,7 @@ class ReducedPreconditioner:
         stiffness = s.K.getDiagonal()
         self._mean = stiffness.sum() / stiffness.getSize()
         # What belongs to the last system is large
-        sparse.destroy(self._inner, self._W)
+        self.release()
         self._W = self._form_W()
         A = self._form_operator()
         self._inner = PETSc.PC().create(self._comm)

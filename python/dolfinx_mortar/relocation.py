@@ -94,6 +94,9 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     if multipliers.T is not None:
         motion = sparse.product(multipliers.T, motion)
 
+    sparse.destroy(B, B_tilde, D, ksp, row_set, column_set, b, dx)
+    multipliers.destroy()
+
     size = np.sqrt(np.maximum(tie._weights[: tie.num_owned], 0.0))
     length = np.linalg.norm(motion[own].reshape(-1, 3), axis=1)
     worst = np.argmax(length - limit * size) if len(length) else 0

@@ -1,0 +1,100 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""When the memory of PETSc objects comes back.
+
+Ranks free a PETSc object together, but Python forgets objects on each rank when it likes. PETSc
+keeps what Python has forgotten, communicator by communicator, until it is asked to free what all
+ranks have forgotten. With a mesh its communicator goes, and nobody could ask any more. So our
+matrices and vectors are made on communicators that stay, and what DOLFINx makes is kept here.
+"""
+
+from __future__ import annotations
+
+import itertools
+import weakref
+from collections.abc import Sequence
+from typing import TypeVar
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+_T = TypeVar("_T", bound="Destroyable")
+_communicators: list[MPI.Comm] = []
+_counter = itertools.count()
+#: Owner, and its PETSc objects, by communicator and number
+_kept: dict[int, dict[int, tuple[weakref.ref, list[PETSc.Object]]]] = {}
+
+
+def communicator(comm: MPI.Comm) -> MPI.Comm:
+    """The communicator, of the same ranks in the same order, for all objects. Collective."""
+    for known in _communicators:
+        if MPI.Comm.Compare(known, comm) in (MPI.IDENT, MPI.CONGRUENT):
+            return known
+    _communicators.append(comm.Dup())
+    return _communicators[-1]
+
+
+def keep(owner: object, comm: MPI.Comm, objects: Sequence[PETSc.Object]) -> None:
+    """Keep PETSc objects of any communicator until all ranks have forgotten their owner. Collective.
+
+    Args:
+        owner: What needs the objects.
+        comm: From :func:`communicator`.
+        objects: The objects.
+    """
+    number = comm.bcast(next(_counter))
+    _kept.setdefault(id(comm), {})[number] = weakref.ref(owner), list(objects)
+
+
+def free_forgotten(comm: MPI.Comm) -> None:
+    """Free PETSc objects that Python has forgotten on all ranks. Collective.
+
+    Args:
+        comm: From :func:`communicator`.
+    """
+    kept = _kept.get(id(comm), {})
+    mine = {number for number, (owner, _) in kept.items() if owner() is None}
+    for number in sorted(set.intersection(*comm.allgather(mine))):
+        for obj in kept.pop(number)[1]:
+            obj.destroy()
+    if comm.size > 1:  # one rank alone frees at once what it forgets
+        PETSc.garbage_cleanup(comm)
+
+
+class Destroyable:
+    """What holds PETSc objects and can be destroyed: ``_free`` destroys them.
+
+    Attributes:
+        comm: From :func:`communicator`.
+    """
+
+    comm: MPI.Comm
+    _destroyed = False
+
+    def _free(self) -> None:
+        raise NotImplementedError
+
+    def destroy(self) -> None:
+        """Free matrices and solvers. Collective.
+
+        The fields of the interfaces stay as they are, and nothing else can be done with them or
+        with the problem. A problem that is dropped instead is freed by a later one, or by a later
+        solve, on the same ranks. ``with ContactProblem(...) as problem:`` destroys it at the end.
+        """
+        if not self._destroyed:
+            self._free()
+            self._destroyed = True
+            free_forgotten(self.comm)
+
+    def _check_alive(self) -> None:
+        if self._destroyed:
+            raise RuntimeError(
+                "The ContactProblem has been destroyed: only the fields of its interfaces are left."
+            )
+
+    def __enter__(self: _T) -> _T:
+        return self
+
+    def __exit__(self, kind: type | None, *_: object) -> None:
+        if kind is None:  # other ranks may not know of an exception
+            self.destroy()
