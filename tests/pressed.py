@@ -43,9 +43,13 @@ def pressed(
     elements: tuple[str, str] = ("hex8", "hex8"),
     petsc_options: dict | None = None,
     condense: bool | None = None,
+    slave_sides: tuple[str, ...] = ("z-",),
     **options,
 ) -> Pressed:
-    """Two neo-Hookean blocks, each a mesh of its own; more options go to the interface."""
+    """Two neo-Hookean blocks, each a mesh of its own; more options go to the interface.
+
+    Slaves are the given sides of the upper one.
+    """
     parts = [
         block("upper", elements[0], (0.2, 0.2, 1.0), (0.8, 0.8, 1.5), (3, 3, 2)),
         block("lower", elements[1], (0.0, 0.0, 0.5), (1.4, 1.0, 1.0), (4, 4, 2)),
@@ -61,7 +65,7 @@ def pressed(
         dofs = fem.locate_dofs_geometrical(b.V, lambda x, h=height: np.isclose(x[2], h))
         bcs.append(fem.dirichletbc(value, dofs, b.V))
     interface = kind(
-        slave=[(bodies[0].V, bodies[0].facet_tags, FACES["z-"])],
+        slave=[(bodies[0].V, bodies[0].facet_tags, FACES[side]) for side in slave_sides],
         master=[(bodies[1].V, bodies[1].facet_tags, FACES["z+"])],
         **options,
     )

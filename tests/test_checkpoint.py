@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: MIT
 """A run continued from a file is the uninterrupted run."""
 
+import errno
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -15,7 +17,7 @@ import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from dolfinx import la
-from dolfinx_mortar import checkpoint
+from dolfinx_mortar import checkpoint, state_file
 from pressed import pressed
 
 comm = MPI.COMM_WORLD
@@ -100,14 +102,20 @@ def test_foreign_and_truncated_files_are_refused(folder):
         (folder / "short").write_bytes(whole[:-100])
         (folder / "text").write_text("no state")
         (folder / "header").write_bytes(whole[:1000])
-        (folder / "spoilt").write_bytes(
-            whole[:4096].replace(b'"bodies"', b'"bodice"') + whole[4096:]
-        )
+        (folder / "spoilt").write_bytes(whole.replace(b'"bodies"', b'"bodice"', 1))
+        (folder / "long").write_bytes(whole + b"more")
+        (folder / "newer").write_bytes(whole.replace(b"state 2", b"state 3", 1))
+        (folder / "older").write_bytes(b'{"magic": "dolfinx_mortar state 1", "bodies"'.ljust(9000))
+        (folder / "empty").write_bytes(b"")
     comm.Barrier()
     for name, words in (
         ("short", "truncated"),
         ("header", "truncated|not a state file"),
-        ("spoilt", "not a state file"),
+        ("spoilt", "damaged.*header"),
+        ("long", "damaged.*bytes"),
+        ("newer", "state file of version 3.*reads version 2"),
+        ("older", "earlier version.*version 1"),
+        ("empty", "not a state file"),
         ("text", "not a state file"),
         ("missing", "can not be read"),
     ):
@@ -122,6 +130,73 @@ def test_foreign_and_truncated_files_are_refused(folder):
     assert np.array_equal(p.norms(), before)
 
 
+def test_damaged_files_are_refused(folder):
+    """Any byte counts, and nothing changes in the problem."""
+    p = sliding()
+    run(p, STEPS[:2])
+    p.problem.save(folder / "state")
+    whole = (folder / "state").read_bytes()
+    before = p.problem._state()
+    random = np.random.default_rng(0)
+    start = 4096
+    cases = []
+    for k in [0, 5, 25, 40, *random.integers(0, len(whole), 25)]:
+        spoilt = bytearray(whole)
+        spoilt[k] ^= random.integers(1, 256)
+        cases.append(bytes(spoilt))
+    for k in random.integers(start, len(whole) - 512, 8):
+        cases.append(whole[:k] + bytes(512) + whole[k + 512 :])
+    # Two records of the upper body, exchanged
+    size = 20 * 14 * 8
+    a, b = start + size, start + 2 * size
+    cases.append(whole[:a] + whole[b : b + size] + whole[a:b] + whole[b + size :])
+    for case in cases:
+        if case == whole:
+            continue
+        if comm.rank == 0:
+            (folder / "bad").write_bytes(case)
+        comm.Barrier()
+        with pytest.raises(RuntimeError, match="damaged|truncated|not a state file|version"):
+            p.problem.load(folder / "bad")
+        after = p.problem._state()
+        assert all(np.array_equal(x, y) for x, y in zip(after[:2], before[:2], strict=True))
+    p.problem.load(folder / "state")
+
+
+def test_state_that_can_not_be_evaluated_is_not_taken(folder, monkeypatch):
+    p = sliding()
+    run(p, STEPS[:1])
+    p.problem.save(folder / "state")
+    run(p, STEPS[1:2])
+    before = values(p)
+
+    def fail(*_):
+        raise RuntimeError("folded")
+
+    with monkeypatch.context() as m:
+        m.setattr(p.problem._coupling, "resume", fail)
+        with pytest.raises(RuntimeError, match="folded"):
+            p.problem.load(folder / "state")
+    assert np.array_equal(values(p), before)
+
+
+def test_several_slave_nodes_at_a_displacement_node(folder):
+    """The slave surface has edges: its nodes there have a multiplier on each side."""
+    p = edged()
+    p.move(0.0, -0.02)
+    assert checkpoint._most_occurrences(p.interface) > 1
+    saved = values(p)
+    p.problem.save(folder / "state")
+    q = edged()
+    q.problem.load(folder / "state")
+    assert np.allclose(values(q), saved, rtol=1e-12, atol=1e-12)
+
+
+def edged():
+    """The top of the pressed block takes part, with the sides around its lower edges."""
+    return pressed(dm.Contact, friction=0.3, slave_sides=("z-", "x-", "x+", "y-", "y+"))
+
+
 def test_interrupted_save_keeps_the_previous_file(folder, monkeypatch):
     p = sliding()
     run(p, STEPS[:1])
@@ -132,11 +207,12 @@ def test_interrupted_save_keeps_the_previous_file(folder, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dolfinx_mortar.checkpoint._cells", stop)
+    monkeypatch.setattr("dolfinx_mortar.state_file._transfer", stop)
     with pytest.raises(KeyboardInterrupt):
         p.problem.save(folder / "state")
     comm.Barrier()
     assert (folder / "state").read_bytes() == before
+    assert not (folder / "state.partial").exists()
 
 
 def test_save_that_fails_on_one_rank(folder, monkeypatch):
@@ -145,7 +221,7 @@ def test_save_that_fails_on_one_rank(folder, monkeypatch):
     run(p, STEPS[:1])
     p.problem.save(folder / "state")
     before = (folder / "state").read_bytes()
-    opened = checkpoint.MPI.File.Open
+    opened = state_file.MPI.File.Open
 
     class Full:
         """A disk without space for the last rank."""
@@ -164,13 +240,47 @@ def test_save_that_fails_on_one_rank(folder, monkeypatch):
     full = {"File": SimpleNamespace(Open=Full), "Exception": MPI.Exception}
     full |= {name: getattr(MPI, name) for name in ("DOUBLE", "MODE_WRONLY")}
     with monkeypatch.context() as m:
-        m.setattr(checkpoint, "MPI", SimpleNamespace(**full))
+        m.setattr(state_file, "MPI", SimpleNamespace(**full))
         with pytest.raises(RuntimeError, match="can not be written.*state"):
             p.problem.save(folder / "state")
     comm.Barrier()
     assert (folder / "state").read_bytes() == before
+    assert not (folder / "state.partial").exists()
     comm.Barrier()
     p.problem.save(folder / "state")
+
+
+def test_save_on_a_full_disk(folder, monkeypatch):
+    p = sliding()
+    run(p, STEPS[:1])
+    p.problem.save(folder / "state")
+    before = (folder / "state").read_bytes()
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as m:
+        m.setattr(os, "posix_fallocate", full)
+        with pytest.raises(RuntimeError, match="can not be written to .*No space left on device"):
+            p.problem.save(folder / "state")
+    comm.Barrier()
+    assert [f.name for f in folder.iterdir()] == ["state"]
+    assert (folder / "state").read_bytes() == before
+
+
+def test_save_beyond_what_the_system_allows(folder):
+    """A real refusal, on the rank that reserves the space."""
+    p = sliding()
+    run(p, STEPS[:1])
+    allowed = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (5000, allowed[1]))
+    try:
+        with pytest.raises(RuntimeError, match="can not be written.*File too large"):
+            p.problem.save(folder / "state")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, allowed)
+    comm.Barrier()
+    assert not list(folder.iterdir())
 
 
 def test_save_where_no_file_can_be(folder):

@@ -2,15 +2,13 @@
 # SPDX-License-Identifier: MIT
 """States of a problem in files, to continue a run on any number of ranks.
 
-Values are stored cell by cell, cells in the order of the mesh's input: this order and the dofs of
-a cell do not depend on the partition. A file is a header of fixed size (JSON) and a block of
-doubles for each body.
+Values are stored cell by cell: the order of the cells in the mesh's input and the dofs of a cell
+do not depend on the partition. Several slave nodes of an interface may be at one displacement
+node, in an order that does not depend on it either; each has its columns there.
 """
 
 from __future__ import annotations
 
-import json
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,13 +17,14 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from . import cpp
+from . import cpp, state_file
+from .interfaces import Interface
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
 
-_MAGIC = "dolfinx_mortar state 1"
-_HEADER = 4096
+#: Columns of a slave node: multiplier, slip, carries, status, c_n, c_t, scale
+_WIDTH = 11
 
 
 def _cells(problem: ContactProblem, body: int) -> tuple[npt.NDArray, npt.NDArray]:
@@ -36,32 +35,61 @@ def _cells(problem: ContactProblem, body: int) -> tuple[npt.NDArray, npt.NDArray
     return np.asarray(mesh.topology.original_cell_index[:owned]), V.dofmap.list[:owned]
 
 
+def _occurrences(i: Interface) -> npt.NDArray[np.int64]:
+    """How many owned slave nodes of an interface come before each at its displacement node."""
+    blocks = i._surface_slave.local_blocks[: i.num_owned]
+    order = np.argsort(blocks, kind="stable")
+    _, first, group = np.unique(blocks[order], return_index=True, return_inverse=True)
+    count = np.empty(len(blocks), dtype=np.int64)
+    count[order] = np.arange(len(blocks)) - first[group.ravel()]
+    return count
+
+
+def _most_occurrences(i: Interface) -> int:
+    """Largest number of slave nodes at one displacement node. Collective."""
+    most = int(np.max(_occurrences(i), initial=0)) + 1
+    return i._layout.comm.allreduce(most, op=MPI.MAX)
+
+
+def _slave_values(problem: ContactProblem, i: Interface) -> npt.NDArray[np.float64]:
+    """What is stored of the owned slave nodes of an interface, shape (num_owned, 11)."""
+    coupling = problem._coupling
+    values = np.zeros((i.num_owned, _WIDTH))
+    values[:, :3] = problem._z[coupling.multipliers.slice(i)].reshape(-1, 3)
+    if i in coupling.contacts and problem._started:
+        values[:, 3:6] = i._total_slip
+        values[:, 6] = i._data.carries[: i.num_owned]
+        values[:, 7] = i._status
+        values[:, 8], values[:, 9], values[:, 10] = i._c_n, i._c_t, i._scale
+    return values
+
+
+def _slots(problem: ContactProblem, i: Interface, body: int):
+    """Where the owned slave nodes of an interface are among the values of a body.
+
+    Returns:
+        Flags of the nodes on the body; for these displacement nodes and occurrences.
+    """
+    layout = problem._layout
+    local = i._surface_slave.local_blocks[: i.num_owned] - layout.local_start(body)
+    mine = (local >= 0) & (local < layout.num_owned[body])
+    return mine, local[mine], _occurrences(i)[mine]
+
+
 def _columns(problem: ContactProblem, body: int) -> npt.NDArray[np.float64]:
     """What is stored at the local nodes of a body, shape (n, columns). Collective.
 
-    Columns: displacement, and for each contact or tie with slave nodes on the body multiplier,
-    slip, carries, status, c_n, c_t, scale.
+    Columns: displacement, and for each interface as often as it has slave nodes at one
+    displacement node those of :data:`_WIDTH`.
     """
-    layout, coupling = problem._layout, problem._coupling
-    u = problem._functions[body].x.array.reshape(-1, 3)[: layout.num_local[body]]
-    columns = [u]
-    for i in coupling.interfaces:
-        n = i.num_owned
-        z = coupling.multipliers.local(problem._z, i)
-        more = np.zeros((i.num_nodes, 8))
-        if i in coupling.contacts and problem._started:
-            more[:n, :3] = i._total_slip
-            more[:n, 3] = i._data.carries[:n]
-            more[:n, 4] = i._status
-            more[:n, 5], more[:n, 6], more[:n, 7] = i._c_n, i._c_t, i._scale
-            cpp.scatter_forward(i._surface_slave, more)
-        values = np.zeros((layout.num_local[body], 11))
-        local = i._surface_slave.local_blocks - layout.local_start(body)
-        mine = (local >= 0) & (local < layout.num_local[body])
-        values[local[mine]] = np.hstack([z, more])[mine]
-        # Nodes of other ranks' slave facets: their owners know
-        f = np.ascontiguousarray(values)
-        columns.append(layout.forward(body, f))
+    layout = problem._layout
+    n = layout.num_local[body]
+    columns = [problem._functions[body].x.array.reshape(-1, 3)[:n]]
+    for i in problem._coupling.interfaces:
+        values = np.zeros((n, _most_occurrences(i), _WIDTH))
+        mine, nodes, occurrence = _slots(problem, i, body)
+        values[nodes, occurrence] = _slave_values(problem, i)[mine]
+        columns.append(layout.forward(body, values.reshape(n, -1)))
     return np.hstack(columns)
 
 
@@ -83,101 +111,32 @@ def _describe(problem: ContactProblem) -> dict:
             }
         )
     kinds = [
-        [type(i).__name__, i.multiplier_space, int(i._surface_slave.num_global)]
+        [
+            type(i).__name__,
+            i.multiplier_space,
+            int(i._surface_slave.num_global),
+            _most_occurrences(i),
+        ]
         for i in problem._coupling.interfaces
     ]
-    return {"magic": _MAGIC, "bodies": bodies, "interfaces": kinds}
+    return {"bodies": bodies, "interfaces": kinds}
 
 
 def save(problem: ContactProblem, path: str | Path) -> None:
     """See :meth:`ContactProblem.save`."""
-    comm = problem.comm
-    path = Path(path)
-    partial = path.with_name(path.name + ".partial")
-    header = _describe(problem)
-    header["started"] = problem._started
-    columns = [_columns(problem, b) for b in range(len(problem._functions))]
-    sizes = [
-        d["cells"] * d["dofs_per_cell"] * c.shape[1] * 8 for d, c in zip(header["bodies"], columns)
-    ]
-    header["columns"] = [int(c.shape[1]) for c in columns]
-    header["size"] = _HEADER + sum(sizes)
-    text = json.dumps(header).encode()
-    if len(text) > _HEADER:
-        raise RuntimeError("Too many bodies and interfaces for the header of a state file.")
-
-    message = ""
-    if comm.rank == 0:
-        try:
-            with open(partial, "wb") as f:
-                f.write(text.ljust(_HEADER))
-                f.truncate(header["size"])
-        except OSError as error:
-            message = str(error)
-    _check_written(comm, path, message)
-    file = MPI.File.Open(comm, str(partial), MPI.MODE_WRONLY)
-    start = _HEADER
-    for b, values in enumerate(columns):
+    comm, description = problem.comm, _describe(problem)
+    blocks, finite = [], True
+    for b, body in enumerate(description["bodies"]):
+        values = _columns(problem, b)
         cells, dofs = _cells(problem, b)
-        order = np.argsort(cells)
-        record = np.ascontiguousarray(values[dofs[order]])
-        kind = MPI.DOUBLE.Create_contiguous(int(dofs.shape[1] * values.shape[1])).Commit()
-        view = kind.Create_indexed_block(1, cells[order].astype(np.int32)).Commit()
-        file.Set_view(start, MPI.DOUBLE, view)
-        try:
-            file.Write_all(record)
-        except MPI.Exception as error:  # perhaps on this rank alone: the others go on
-            message = str(error)
-        view.Free()
-        kind.Free()
-        start += sizes[b]
-    try:
-        file.Sync()
-    except MPI.Exception as error:
-        message = str(error)
-    file.Close()
-    _check_written(comm, path, message)
-    # The file that was there before stays until the new one is complete
-    if comm.rank == 0:
-        try:
-            os.replace(partial, path)
-        except OSError as error:
-            message = str(error)
-    _check_written(comm, path, message)
-
-
-def _check_written(comm, path: Path, message: str) -> None:
-    """Raise on all ranks where one could not write. Collective."""
-    message = max(comm.allgather(message))
-    if message:
-        raise RuntimeError(f"The state can not be written to {path}: {message}.")
-
-
-def _read_header(problem: ContactProblem, path: Path) -> dict:
-    comm = problem.comm
-    expected = _describe(problem)
-    message, header = "", {}
-    if comm.rank == 0:
-        try:
-            with open(path, "rb") as f:
-                header = json.loads(f.read(_HEADER).decode())
-            if not isinstance(header, dict) or header.get("magic") != _MAGIC:
-                message = f"{path} is not a state file of dolfinx_mortar."
-            elif os.path.getsize(path) != header["size"]:
-                message = (
-                    f"{path} is truncated: it has {os.path.getsize(path)} bytes of "
-                    f"{header['size']}."
-                )
-            else:
-                message = _compare(header, expected, path)
-        except OSError as error:
-            message = f"The state can not be read from {path}: {error}."
-        except (ValueError, KeyError, TypeError):
-            message = f"{path} is not a state file of dolfinx_mortar."
-    message, header = comm.bcast((message, header))
-    if message:
-        raise RuntimeError(message)
-    return header
+        finite = finite and bool(np.all(np.isfinite(values)))
+        blocks.append(state_file.Block(cells, body["cells"], values[dofs].reshape(len(cells), -1)))
+    if not comm.allreduce(finite, op=MPI.LAND):
+        raise RuntimeError(
+            f"The state is not written to {path}: displacements or multipliers are not finite."
+        )
+    description["started"] = problem._started
+    state_file.write(comm, Path(path), description, blocks)
 
 
 def _compare(header: dict, expected: dict, path: Path) -> str:
@@ -203,49 +162,57 @@ def _compare(header: dict, expected: dict, path: Path) -> str:
 
 def load(problem: ContactProblem, path: str | Path) -> None:
     """See :meth:`ContactProblem.load`."""
-    path = Path(path)
-    header = _read_header(problem, path)
-    layout, coupling = problem._layout, problem._coupling
-    file = MPI.File.Open(problem.comm, str(path), MPI.MODE_RDONLY)
-    start = _HEADER
+    path, comm = Path(path), problem.comm
+    header = state_file.read_description(comm, path)
+    message = _compare(header["description"], _describe(problem), path)
+    if message:
+        raise RuntimeError(message)
+    parts = [_cells(problem, b) for b in range(len(problem._functions))]
+    records = state_file.read(comm, path, header, [cells for cells, _ in parts])
     values = []
-    for b, (body, width) in enumerate(zip(header["bodies"], header["columns"])):
-        cells, dofs = _cells(problem, b)
-        order = np.argsort(cells)
-        record = np.empty((len(cells), dofs.shape[1], width))
-        kind = MPI.DOUBLE.Create_contiguous(int(dofs.shape[1] * width)).Commit()
-        view = kind.Create_indexed_block(1, cells[order].astype(np.int32)).Commit()
-        file.Set_view(start, MPI.DOUBLE, view)
-        file.Read_all(record)
-        view.Free()
-        kind.Free()
-        start += body["cells"] * body["dofs_per_cell"] * width * 8
-        nodal = np.full((layout.num_local[b], width), np.nan)
-        nodal[dofs[order].ravel()] = record.reshape(-1, width)
-        values.append(layout.complete(b, nodal))
-    file.Close()
+    for b, ((_, dofs), record) in enumerate(zip(parts, records)):
+        width = record.shape[1] // dofs.shape[1]
+        nodal = np.full((problem._layout.num_local[b], width), np.nan)
+        nodal[dofs.ravel()] = record.reshape(-1, width)
+        values.append(problem._layout.complete(b, nodal))
+    before = problem._state()
+    try:
+        _set(problem, values, bool(header["description"]["started"]))
+    except Exception:
+        problem._restore(before)
+        raise
 
+
+def _set(problem: ContactProblem, values: list[npt.NDArray], started: bool) -> None:
+    """Give a problem the state that was stored. Collective."""
+    layout, coupling = problem._layout, problem._coupling
     for b, f in enumerate(problem._functions):
         f.x.array.reshape(-1, 3)[: layout.num_local[b]] = values[b][:, :3]
         f.x.scatter_forward()
-    for k, i in enumerate(coupling.interfaces):
-        n = i.num_owned
-        local = i._surface_slave.local_blocks[:n]
-        nodal = np.zeros((n, 11))
+    start = 3
+    for i in coupling.interfaces:
+        width = _WIDTH * _most_occurrences(i)
+        nodal = np.zeros((i.num_owned, _WIDTH))
         for b in range(len(problem._functions)):
-            at = local - layout.local_start(b)
-            mine = (at >= 0) & (at < layout.num_local[b])
-            nodal[mine] = values[b][at[mine], 3 + 11 * k : 14 + 11 * k]
+            mine, nodes, occurrence = _slots(problem, i, b)
+            stored = values[b][:, start : start + width].reshape(len(values[b]), -1, _WIDTH)
+            nodal[mine] = stored[nodes, occurrence]
+        start += width
         problem._z[coupling.multipliers.slice(i)] = nodal[:, :3].ravel()
         if i in coupling.contacts:
-            i._total_slip = nodal[:, 3:6].copy()
-            carries = np.zeros(i.num_nodes, dtype=np.int8)
-            carries[:n] = nodal[:, 6] > 0.5
-            cpp.scatter_forward(i._surface_slave, carries)
-            i._data.carries = carries
-            i._c_n, i._c_t, i._scale = (nodal[:, c].copy() for c in (8, 9, 10))
-    problem._started = bool(header["started"])
-    if problem._started:
+            _set_contact(i, nodal)
+    problem._started = started
+    if started:
         coupling.resume(
             layout.all_local(problem._functions), layout.gather(problem._functions), problem._z
         )
+
+
+def _set_contact(c: Interface, nodal: npt.NDArray[np.float64]) -> None:
+    """Give a contact the values of :func:`_slave_values`. Collective."""
+    c._total_slip = nodal[:, 3:6].copy()
+    carries = np.zeros(c.num_nodes, dtype=np.int8)
+    carries[: c.num_owned] = nodal[:, 6] > 0.5
+    cpp.scatter_forward(c._surface_slave, carries)
+    c._data.carries = carries
+    c._c_n, c._c_t, c._scale = (nodal[:, k].copy() for k in (8, 9, 10))
