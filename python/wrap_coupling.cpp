@@ -164,6 +164,7 @@ void wrap_coupling(nb::module_& m)
         d["diagonal"] = as_array(std::move(r.diagonal), {n});
         d["weight"] = as_array(std::move(r.weight), {n});
         d["near"] = as_array(std::move(r.near), {n});
+        d["distance"] = as_array(std::move(r.distance), {n});
         d["gap"] = as_array(std::move(r.gap), {n});
         d["master_normal"] = as_array(std::move(r.master_normal), {n, 3});
         d["offset"] = as_array(std::move(r.offset), {n, 3});

@@ -137,8 +137,8 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   const std::size_t num = num_local_nodes(s);
   const std::vector<double> z(3 * num, 0.0);
   // Columns of nodal values: coverage, diagonal, weight, gap, offset, touching
-  // facets, normal of masters
-  constexpr int columns_of_node = 11;
+  // facets, normal of masters, covered area and volume below the facets
+  constexpr int columns_of_node = 13;
   std::vector<double> nodal(columns_of_node * num, 0.0);
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
@@ -186,6 +186,8 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
                      v[7] += r.touches[k];
                      for (int c = 0; c < 3; ++c)
                        v[8 + c] += r.master_normal(k, c);
+                     v[11] += r.area;
+                     v[12] += r.volume;
                      rows.push_back(interface.carries[nodes[k]]
                                         ? interface.multipliers[nodes[k]]
                                         : -1);
@@ -223,6 +225,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
     out.offset.insert(out.offset.end(), v + 4, v + 7);
     out.near.push_back(v[7] > 0);
     out.master_normal.insert(out.master_normal.end(), v + 8, v + 11);
+    out.distance.push_back(v[11] > 0 ? v[12] / v[11] : 0.0);
   }
   return out;
 }

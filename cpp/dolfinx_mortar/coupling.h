@@ -116,6 +116,11 @@ struct NodalIntegrals
   /// places; that is no contact. Shape (n)
   std::vector<std::int8_t> near;
 
+  /// Mean gap over the covered parts of the facets around each node, zero where
+  /// there are none: no penetration can come from functions that are negative
+  /// in places. Shape (n)
+  std::vector<double> distance;
+
   /// Covered area of each facet of this rank, shape (num_facets)
   std::vector<double> facet_area;
 

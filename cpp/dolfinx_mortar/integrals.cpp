@@ -152,6 +152,7 @@ void FacetIntegrator::start(const FacetView& slave,
   _result.orphan = false;
   _result.touches.fill(0);
   _result.area = 0;
+  _result.volume = 0;
   _result.dropped_area = 0;
   _result.lost = 0;
 
@@ -394,6 +395,7 @@ double FacetIntegrator::integrate_products(bool derivatives)
     const Eigen::Map<const Eigen::VectorXd> w(_points[p].w.data(),
                                               _points[p].w.size());
     _result.area += w.sum();
+    _result.volume += w.dot(s.field.col(0));
     const Eigen::VectorXd coverage = s.Nt.transpose() * w;
     _result.coverage += coverage;
     _result.master_normal.noalias() += coverage * normal(master).transpose();

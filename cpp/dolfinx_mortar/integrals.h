@@ -49,6 +49,9 @@ struct FacetIntegrals
   /// Share of the facet's area that is left out and that no other master covers
   double lost = 0;
 
+  /// Integral of the gap over the covered part: the volume between the surfaces
+  double volume = 0;
+
   /// Non-zero for nodes around which the gap is below 5 % of the facet's
   /// diameter at some point: where Ñ_k is at least three quarters of its
   /// largest value at all points. Shape (n)

@@ -15,8 +15,8 @@ from dolfinx import fem
 from dolfinx.common import Timer
 
 from . import agreement, arguments, cpp, sparse
+from .contact_fields import ContactFields
 from .friction import Frictional
-from .interfaces import Interface
 from .parts import Part
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 OPEN, STICK, SLIP = 0, 1, 2
 
 
-class Contact(Frictional, Interface):
+class Contact(Frictional, ContactFields):
     r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
 
     Args:
@@ -364,7 +364,7 @@ class Contact(Frictional, Interface):
                     )
         return flags.astype(bool)
 
-    # -- Fields --------------------------------------------------------------------
+    # -- Results -------------------------------------------------------------------
 
     def _solved(self) -> ContactProblem:
         """The problem, which must have a solution to look at."""
@@ -381,51 +381,10 @@ class Contact(Frictional, Interface):
             return None
         return self._layout.all_local(problem._functions)
 
-    def _scatter(self, owned: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        values = np.zeros((self.num_nodes, owned.shape[1]))
-        values[: self.num_owned] = owned
-        cpp.scatter_forward(self._surface_slave, values)
-        return values
-
-    @property
-    def pressure(self) -> fem.Function:
-        """Contact pressure n·λ [traction], positive in compression. Collective."""
-        self._solved()
-        z, n = self._z(), self._configuration.normals
-        return self._field("pressure", np.sum(z * n, axis=1)[:, None])
-
-    @property
-    def tangential_traction(self) -> fem.Function:
-        """Tangential part of the contact traction on the slave body. Collective."""
-        self._solved()
-        z, n = self._z(), self._configuration.normals
-        return self._field("tangential_traction", -(z - np.sum(z * n, axis=1)[:, None] * n))
-
-    @property
-    def gap(self) -> fem.Function:
-        """Average gap around each node [length]; zero where no master is near. Collective."""
-        self._solved()
-        gap = self._nodal_gap()
-        owned = np.where(np.isfinite(gap), gap, 0.0)[:, None]
-        return self._field("gap", self._scatter(owned))
-
-    @property
-    def slip(self) -> fem.Function:
-        """Tangential slip [length] of slave nodes in contact since contact began. Collective."""
-        self._solved()
-        return self._field("slip", self._scatter(self._total_slip))
-
     @property
     def dissipation(self) -> float:
         """Energy that friction took in the last step, never negative. Collective."""
         return self._solved().comm.allreduce(getattr(self, "_dissipation", 0.0))
-
-    @property
-    def status(self) -> fem.Function:
-        """0 open, 1 stick, 2 slip (frictionless contact: always 2). Collective."""
-        self._solved()
-        values = self._scatter(self._status.astype(np.float64)[:, None])
-        return self._field("status", values, spread=False)
 
     @property
     def num_active(self) -> int:

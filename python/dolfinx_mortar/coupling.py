@@ -29,6 +29,8 @@ _STATE = (
     "_law",
     "_gap_weighted",
     "_scale",
+    "_c_n",
+    "_c_t",
 )
 
 

@@ -18,6 +18,7 @@ from dolfinx.mesh import MeshTags
 
 from . import agreement, arguments, cpp, memory, parts, sparse
 from .coverage import MIN_COVERAGE
+from .fields import Fields, spread
 
 if TYPE_CHECKING:
     from .layout import Layout
@@ -46,6 +47,9 @@ class Interface:
         slave: Parts of the slave surface.
         master: Parts of the master surface.
     """
+
+    #: Names of the fields, with their numbers of values at a node
+    _columns = {"multiplier": 3, "traction": 3}
 
     #: Slave facets that no master is near of are left out
     _leave_distant = False
@@ -262,66 +266,57 @@ class Interface:
         self._problem._check_alive()
         return self._problem
 
-    def _spread(self, values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Give nodes without a multiplier the mean of their facets' nodes that have one."""
-        surface = self._surface_slave
-        carries = self._data.carries.astype(bool)
-        sums = np.zeros((self.num_nodes, values.shape[1] + 1))
-        offsets, nodes = surface.offsets, surface.nodes
-        sizes = np.diff(offsets)
-        for size in np.unique(sizes):
-            facets = np.flatnonzero(sizes == size)
-            dofs = nodes[offsets[facets][:, None] + np.arange(size)]
-            has = carries[dofs]
-            count = has.sum(axis=1)
-            mean = (values[dofs] * has[:, :, None]).sum(axis=1)
-            mean = mean / np.maximum(count, 1)[:, None]
-            rows = np.hstack([mean, np.ones((len(facets), 1))])[count > 0]
-            target = dofs[count > 0]
-            np.add.at(sums, target, rows[:, None, :])
-        cpp.scatter_reverse_add(surface, sums)
-        cpp.scatter_forward(surface, sums)
-        out = np.where(carries[:, None], values, 0.0)
-        lonely = ~carries & (sums[:, -1] > 0)
-        out[lonely] = sums[lonely, :-1] / sums[lonely, -1:]
-        return out
-
-    def _field(self, name: str, values: npt.NDArray[np.float64], spread: bool = True) -> Any:
-        """Functions on the slave bodies' spaces from values of local slave nodes, shape (n, bs).
-
-        Returns:
-            One function, or a list where the slave surface has parts on several bodies.
-        """
-        if spread:
-            values = self._spread(values)
-        bs = values.shape[1]
-        functions = []
+    def _create_fields(self) -> None:
         bodies = sorted({self._layout.body(p.V) for p in self.slave})
-        for b in bodies:
-            V = self._layout.spaces[b]
-            W = V if bs == 3 else self._layout.scalar_space(b)
-            f = fem.Function(W, name=name)
-            start = self._layout.local_start(b)
-            local = self._surface_slave.local_blocks - start
-            mine = (local >= 0) & (local < self._layout.num_local[b])
-            array = f.x.array.reshape(-1, bs)
-            array[local[mine]] = values[mine]
-            f.x.scatter_forward()
-            functions.append(f)
-        return functions[0] if len(functions) == 1 else functions
+        self._fields = Fields(self._layout, self._surface_slave, bodies, self._columns)
+
+    def _field(self, name: str) -> Any:
+        if self._problem is None:
+            self._owner()
+        return self._fields[name]
+
+    def _set_field(
+        self,
+        name: str,
+        values: npt.NDArray[np.float64],
+        how: str,
+        measure: npt.NDArray[np.float64] | None = None,
+    ) -> None:
+        """Set a field from values of nodes that carry a multiplier. Collective.
+
+        Args:
+            name: Name of the field.
+            values: Values of the local slave nodes, shape (n, columns).
+            how, measure: See :func:`dolfinx_mortar.fields.combine`.
+        """
+        values = spread(self._surface_slave, self._data.carries.astype(bool), values)
+        self._fields.set(name, values[: self.num_owned], how, measure)
+
+    def _update_fields(self) -> None:
+        """Let the fields show the present state. Collective."""
+        z = self._z()
+        self._set_field("multiplier", z, "mean", self._shares())
+        self._set_field("traction", -z, "mean", self._shares())
+
+    def _shares(self) -> npt.NDArray[np.float64]:
+        """Area that counts for the multiplier of each owned slave node."""
+        return np.maximum(self._nodal["weight"][: self.num_owned], 0.0)
 
     @property
     def multiplier(self) -> fem.Function:
         """Nodal multipliers λ [traction], zero off the surface; λ = -t_c on the slave.
 
-        With dual functions z_j is the average of λ around node j, weighted by Ñ_j. Collective.
+        With dual functions z_j is the average of λ around node j, weighted by Ñ_j. This and all
+        other fields are functions on the slave's space, or on its scalar sister, lists of them
+        where the slave surface is on several bodies. Each is the same object for ever, zero
+        before the first solve, and shows the last accepted state.
         """
-        return self._field("multiplier", self._z())
+        return self._field("multiplier")
 
     @property
     def traction(self) -> fem.Function:
-        """Contact traction t_c = -λ that acts on the slave body. Collective."""
-        return self._field("traction", -self._z())
+        """Contact traction t_c = -λ that acts on the slave body."""
+        return self._field("traction")
 
     # -- Matrices -------------------------------------------------------------
 

@@ -35,22 +35,24 @@ def communicator(comm: MPI.Comm) -> MPI.Comm:
 
 
 def keep(owner: object, comm: MPI.Comm, objects: Sequence[PETSc.Object]) -> None:
-    """Keep PETSc objects of any communicator until all ranks have forgotten their owner. Collective.
+    """Keep PETSc objects until all ranks have forgotten their owner. Collective.
 
     Args:
         owner: What needs the objects.
         comm: From :func:`communicator`.
-        objects: The objects.
+        objects: The objects, of any communicator of the same ranks.
     """
     number = comm.bcast(next(_counter))
     _kept.setdefault(id(comm), {})[number] = weakref.ref(owner), list(objects)
 
 
-def free_forgotten(comm: MPI.Comm) -> None:
+def free_forgotten(comm: MPI.Comm, others: Sequence[MPI.Comm] = ()) -> None:
     """Free PETSc objects that Python has forgotten on all ranks. Collective.
 
     Args:
         comm: From :func:`communicator`.
+        others: Communicators of the same ranks that may have such objects, as of vectors made from
+            the matrix of a mesh.
     """
     kept = _kept.get(id(comm), {})
     mine = {number for number, (owner, _) in kept.items() if owner() is None}
@@ -58,7 +60,8 @@ def free_forgotten(comm: MPI.Comm) -> None:
         for obj in kept.pop(number)[1]:
             obj.destroy()
     if comm.size > 1:  # one rank alone frees at once what it forgets
-        PETSc.garbage_cleanup(comm)
+        for c in (comm, *others):
+            PETSc.garbage_cleanup(c)
 
 
 class Destroyable:

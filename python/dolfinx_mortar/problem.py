@@ -109,6 +109,7 @@ class ContactProblem(Destroyable):
         # Nothing can fail any more: before, interfaces are free for another attempt
         for i in self._interfaces:
             i._problem = self
+            i._create_fields()
 
     @property
     def interfaces(self) -> tuple[Interface, ...]:
@@ -302,6 +303,7 @@ class ContactProblem(Destroyable):
                 self._interrupts.handle_together(self.comm)
             except BaseException:
                 self._restore(start)
+                self._update_fields()
                 raise
         return total
 
@@ -328,6 +330,7 @@ class ContactProblem(Destroyable):
         checks.check_path(self.comm, path)
         checks.check_changeable(self)
         checkpoint.load(self, path)
+        self._update_fields()
 
     def _state(self):
         return (
@@ -342,6 +345,11 @@ class ContactProblem(Destroyable):
         self._layout.scatter(u, self._functions)
         self._z[:] = z
         self._coupling.restore(coupling)
+
+    def _update_fields(self) -> None:
+        """Let the fields of all interfaces show the present state. Collective."""
+        for i in self._interfaces:
+            i._update_fields()
 
     def _solve_once(self) -> int:
         free_forgotten(self.comm)
@@ -395,6 +403,9 @@ class ContactProblem(Destroyable):
         self._release_system()
         self._coupling.accept(self._layout.all_local(self._functions))
         self._started = True
+        self._update_fields()
+        # Meshes may go before the next solve, and their communicators with them
+        free_forgotten(self.comm, [V.mesh.comm for V in self._layout.spaces])
         return self.snes.getIterationNumber()
 
     def _begin(self) -> None:

@@ -1,0 +1,156 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Fields of an interface: what they show, and when."""
+
+import tempfile
+from pathlib import Path
+
+from mpi4py import MPI
+
+import dolfinx_mortar as dm
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la, mesh
+from dolfinx.io import VTXWriter
+from dolfinx_mortar import fields
+from pressed import pressed
+
+comm = MPI.COMM_WORLD
+NAMES = ("multiplier", "traction", "pressure", "gap", "slip", "status", "tangential_traction")
+
+
+def norms(contact):
+    return [la.norm(getattr(contact, name).x) for name in NAMES]
+
+
+def test_fields_are_the_same_objects():
+    """They are zero before the first solve, then show each accepted state and no other."""
+    p = pressed(dm.Contact, friction=0.3)
+    c = p.interface
+    first = {name: getattr(c, name) for name in NAMES}
+    assert all(f.name == name and la.norm(f.x) == 0 for name, f in first.items())
+    p.move(0.0, -0.01)
+    one = norms(c)
+    assert min(n for n, name in zip(one, NAMES, strict=True) if name not in ("gap", "slip")) > 0
+    p.move(0.02, -0.02)
+    two = norms(c)
+    assert two[NAMES.index("pressure")] > 1.5 * one[NAMES.index("pressure")]
+    assert two[NAMES.index("slip")] > 0
+    assert all(getattr(c, name) is f for name, f in first.items())
+    with pytest.raises((dm.ConvergenceError, RuntimeError)):
+        p.move(np.nan, -0.02)
+    assert norms(c) == two
+
+
+def test_fields_after_a_cut_step_that_fails():
+    """A half of a step that was accepted is not shown when the rest fails."""
+    p = pressed(dm.Contact, friction=0.3)
+    p.move(0.0, -0.01)
+    before = norms(p.interface)
+    halves = []
+
+    def load(t):
+        halves.append(t)
+        p.top.value[:] = (0.0, 0.0, -0.01 - 0.01 * t) if t <= 0.5 else np.nan
+
+    with pytest.raises(dm.ConvergenceError):
+        p.problem.solve(adaptive=load, max_cuts=2)
+    assert 0.5 in halves
+    np.testing.assert_allclose(norms(p.interface), before, rtol=1e-9, atol=1e-12)
+
+
+def test_fields_after_loading():
+    folder = Path(comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None))
+    p = pressed(dm.Contact, friction=0.3)
+    p.move(0.0, -0.01)
+    one = norms(p.interface)
+    p.problem.save(folder / "state")
+    p.move(0.02, -0.02)
+    p.problem.load(folder / "state")
+    np.testing.assert_allclose(norms(p.interface), one, rtol=1e-8, atol=1e-10)
+
+
+def test_a_writer_that_is_opened_once_writes_each_step():
+    p = pressed(dm.Contact)
+    folder = comm.bcast(tempfile.mkdtemp() if comm.rank == 0 else None)
+    path = Path(folder) / "contact.bp"
+    steps = []
+    with VTXWriter(comm, str(path), [p.interface.pressure, p.interface.gap], "BP4") as file:
+        for k, z in enumerate((-0.01, -0.02)):
+            p.move(0.0, z)
+            file.write(float(k))
+            steps.append(p.interface.pressure.x.array.max(initial=0))
+    comm.Barrier()
+    # Such files hold plain doubles
+    written = b"".join(part.read_bytes() for part in sorted(path.glob("data.*")))
+    largest = [comm.allreduce(float(value), op=MPI.MAX) for value in steps]
+    assert all(np.float64(value).tobytes() in written for value in largest)
+    assert largest[1] > 1.5 * largest[0]
+
+
+def test_several_surface_nodes_at_a_node():
+    blocks = np.array([4, 4, 2, 7, 7, 7])
+    values = np.array([[1.0], [3.0], [5.0], [-1.0], [2.0], [0.0]])
+    weight = np.array([1.0, 3.0, 0.5, 0.0, 0.0, 0.0])
+    status = np.array([0.0, 2.0, 1.0, 1.0, 0.0, 1.0])
+    expected = {
+        "largest": [5, 3, 2],
+        "smallest": [5, 1, -1],
+        "mean": [5, 2.5, 1 / 3],
+        "first": [5, 3, -1],
+    }
+    for how, result in expected.items():
+        measure = {"mean": weight, "first": status}.get(how)
+        nodes, combined = fields.combine(blocks, values, how, measure)
+        assert list(nodes) == [2, 4, 7]
+        np.testing.assert_allclose(combined[:, 0], result, rtol=1e-15)
+    nodes, same = fields.combine(blocks[1:4], values[1:4], "largest")
+    assert list(nodes) == [4, 2, 7] and np.all(same == values[1:4])
+
+
+def height(x):
+    """Gap between the slave and the master: small, and beyond a bend large."""
+    return 0.12 * np.minimum(x[0], 0.5) + 4 * np.maximum(x[0] - 0.75, 0)
+
+
+def plate_below_bent_master():
+    """Bodies, their facet tags, and conditions that press them together at x = 0."""
+    box = mesh.CellType.hexahedron
+    plate = mesh.create_box(comm, [np.zeros(3), np.ones(3)], [2, 2, 1], box)
+    master = mesh.create_box(comm, [np.array([0, 0, 1.0]), np.array([1, 1, 1.5])], [8, 4, 1], box)
+    upper = mesh.locate_entities_boundary(plate, 2, lambda x: np.isclose(x[2], 1))
+    lower = mesh.locate_entities_boundary(master, 2, lambda x: np.isclose(x[2], 1))
+    tags = [mesh.meshtags(plate, 2, upper, 1), mesh.meshtags(master, 2, lower, 1)]
+    master.geometry.x[:, 2] += height(master.geometry.x.T)
+    V = fem.functionspace(plate, dm.hex20(shape=(3,)))
+    W = fem.functionspace(master, ("Lagrange", 1, (3,)))
+    u = [fem.Function(V), fem.Function(W)]
+    strain = [ufl.sym(ufl.grad(w)) for w in u]
+    F = [ufl.derivative(50 * ufl.inner(e, e) * ufl.dx, w) for e, w in zip(strain, u, strict=True)]
+    bottom = fem.locate_dofs_geometrical(V, lambda x: np.isclose(x[2], 0))
+    whole = fem.locate_dofs_geometrical(W, lambda x: x[2] > 0)
+    bcs = [
+        fem.dirichletbc(np.zeros(3), bottom, V),
+        fem.dirichletbc(np.array([0, 0, -0.01]), whole, W),
+    ]
+    return F, u, tags, bcs
+
+
+def test_no_penetration_far_away():
+    """The multiplier's functions are negative in places, distances are not."""
+    F, u, tags, bcs = plate_below_bent_master()
+    spaces = [w.function_space for w in u]
+    wide = {"search_distance": 10.0, "max_angle": 85.0}
+    contact = dm.Contact(spaces, tags, slave=1, master=1, **wide)
+    dm.ContactProblem(F, u, bcs=bcs, interfaces=[contact]).solve()
+    weight = contact._nodal["weight"][: contact.num_owned]
+    feigned = np.where(contact._status == 0, contact._gap_weighted / weight, 0.0)
+    assert comm.allreduce(float(feigned.min(initial=0)), op=MPI.MIN) < -0.05
+    status, gap = contact.status.x.array, contact.gap.x.array
+    assert comm.allreduce(int(np.sum(status > 0))) > 0
+    assert np.all(gap[status == 0] > -1e-9)
+    # The mean distance of the facets beyond the middle
+    x = contact.gap.function_space.tabulate_dof_coordinates()
+    far = gap[(x[:, 0] > 0.7) & (x[:, 2] > 0.9)]
+    np.testing.assert_allclose(far, 0.06 + 0.25 - 0.01, atol=0.02)
