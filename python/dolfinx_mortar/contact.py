@@ -336,7 +336,7 @@ class Contact(Frictional, ContactFields):
             closed = self._chosen(choice) & carries
         else:
             # Where surfaces touch, round-off must not choose among their nodes
-            touching = self._nodal_gap() <= 1e-9 * np.sqrt(self._weights[:n])
+            touching = self._distances() <= 1e-9 * np.sqrt(self._weights[:n])
             closed = carries & ((self._status != OPEN) | touching)
             if first is not None:
                 closed |= carries & first
