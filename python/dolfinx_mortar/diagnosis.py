@@ -83,7 +83,7 @@ def explain_reason(problem: ContactProblem, reason: int) -> str:
     found = hint(p)
     if p._failure and not found:
         text += f" The last step had to be shortened: {p._failure}"
-    return text + (found or SMALLER)
+    return text + (found or f"{_barely_covered(p)}{SMALLER}")
 
 
 def explain_error(problem: ContactProblem, error: RuntimeError) -> str:
@@ -95,7 +95,7 @@ def explain_error(problem: ContactProblem, error: RuntimeError) -> str:
     else:
         reason = f"{error}{SMALLER}"
     text = f"The solve failed in Newton iteration {len(problem.history)}."
-    return text + (hint(problem) or f" {reason}")
+    return text + (hint(problem) or f" {reason}{_barely_covered(problem)}")
 
 
 def hint(problem: ContactProblem) -> str:
@@ -110,10 +110,15 @@ def hint(problem: ContactProblem) -> str:
         text = text and f" {text}"
     if not text and not p._started:
         text = p._coupling.start_overlap
-    if not text and p._cached is not None:
-        text = coverage.find_barely_covered(p._coupling.interfaces)
-        text = text and f" {text}{SMALLER}"
     return text
+
+
+def _barely_covered(problem: ContactProblem) -> str:
+    """Nodes that may be behind a failure, to be said after its reason. Collective."""
+    if problem._cached is None:
+        return ""
+    text = coverage.find_barely_covered(problem._coupling.interfaces)
+    return text and f" {text}"
 
 
 def complain_of_solution(problem: ContactProblem) -> str:
