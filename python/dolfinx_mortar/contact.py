@@ -209,7 +209,7 @@ class Contact(Frictional, ContactFields):
             self._scale if self.is_frictional else None,
             self._c_n,
             self._c_t,
-            self._data.carries[:n] * ~self._barred,
+            self._data.carries[:n] * (~self._barred & (self._nodal["coverage"][:n] != 0)),
             np.ascontiguousarray(self._fixed[:n]),
             arguments.value(self._friction) or 0.0,
             arguments.value(self._tresca),
