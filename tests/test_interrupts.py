@@ -12,6 +12,14 @@ from dolfinx_mortar import interrupts
 from pressed import pressed
 
 
+@pytest.fixture(autouse=True)
+def interrupts_raise():
+    """A process that a shell has put in the background ignores them from the start."""
+    handler = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, handler)
+
+
 class Late:
     """A problem after its first step, and one signal in the middle of a function."""
 
