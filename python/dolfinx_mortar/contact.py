@@ -11,7 +11,6 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from dolfinx.common import Timer
 
 from . import agreement, arguments, cpp, sparse

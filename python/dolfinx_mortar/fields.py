@@ -99,9 +99,7 @@ class Fields:
         self._layout, self._surface, self._bodies = layout, surface, bodies
         self._functions = {
             name: [
-                fem.Function(
-                    layout.spaces[b] if size == 3 else layout.scalar_space(b), name=name
-                )
+                fem.Function(layout.spaces[b] if size == 3 else layout.scalar_space(b), name=name)
                 for b in bodies
             ]
             for name, size in columns.items()
@@ -130,7 +128,8 @@ class Fields:
         Args:
             name: Its name.
             values: Values of the owned slave nodes, shape (num_owned, columns).
-            how, measure: See :func:`combine`.
+            how: See :func:`combine`.
+            measure: See :func:`combine`.
         """
         # Owners know all surface nodes at their displacement nodes, other ranks may not
         blocks = self._surface.local_blocks[: self._surface.num_owned]

@@ -287,7 +287,8 @@ class Interface:
         Args:
             name: Name of the field.
             values: Values of the local slave nodes, shape (n, columns).
-            how, measure: See :func:`dolfinx_mortar.fields.combine`.
+            how: See :func:`dolfinx_mortar.fields.combine`.
+            measure: See :func:`dolfinx_mortar.fields.combine`.
         """
         values = spread(self._surface_slave, self._data.carries.astype(bool), values)
         self._fields.set(name, values[: self.num_owned], how, measure)
