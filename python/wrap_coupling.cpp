@@ -9,8 +9,8 @@
 #else
 #include <caster_petsc.h>
 #endif
-#include <dolfinx_mortar/coupling.h>
-#include <dolfinx_mortar/laws.h>
+#include <dolfinx_mortar/assembly/coupling.h>
+#include <dolfinx_mortar/contact/laws.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -243,8 +243,9 @@ void wrap_coupling(nb::module_& m)
   m.def(
       "insert_transformation",
       [](const Interface& interface, bool inverse, Mat T)
-      { insert_transformation(interface, inverse, T); }, nb::arg("interface"),
-      nb::arg("inverse"), nb::arg("T"), "Insert T or its inverse. Collective.");
+      { insert_transformation(interface, inverse, T); },
+      nb::arg("interface"), nb::arg("inverse"), nb::arg("T"),
+      "Insert T or its inverse. Collective.");
 
   m.def(
       "combine_rows",

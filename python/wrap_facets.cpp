@@ -5,11 +5,11 @@
 // of facets, integrals of one slave facet.
 
 #include "arrays.h"
-#include <dolfinx_mortar/clip.h>
-#include <dolfinx_mortar/facet.h>
-#include <dolfinx_mortar/integrals.h>
-#include <dolfinx_mortar/multiplier.h>
-#include <dolfinx_mortar/pair.h>
+#include <dolfinx_mortar/geometry/clip.h>
+#include <dolfinx_mortar/geometry/facet.h>
+#include <dolfinx_mortar/geometry/pair.h>
+#include <dolfinx_mortar/multiplier/integrals.h>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -144,8 +144,7 @@ void wrap_facets(nb::module_& m)
   m.def(
       "inverse_transformation",
       [](MultiplierSpace s, FacetType t,
-         std::optional<In<std::int8_t>> positive)
-      {
+         std::optional<In<std::int8_t>> positive) {
         return matrix(inverse_transformation(s, t, flags_or_none(positive, t)));
       },
       nb::arg("space"), nb::arg("type"),

@@ -4,8 +4,8 @@
 // Where surfaces have passed through each other.
 
 #include "arrays.h"
-#include <dolfinx_mortar/crossing.h>
-#include <dolfinx_mortar/overlap.h>
+#include <dolfinx_mortar/surface/crossing.h>
+#include <dolfinx_mortar/surface/overlap.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>

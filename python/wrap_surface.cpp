@@ -6,10 +6,10 @@
 
 #include "arrays.h"
 #include <cstdint>
-#include <dolfinx_mortar/adapter.h>
-#include <dolfinx_mortar/patches.h>
-#include <dolfinx_mortar/search.h>
-#include <dolfinx_mortar/surface.h>
+#include <dolfinx_mortar/dolfinx/adapter.h>
+#include <dolfinx_mortar/surface/patches.h>
+#include <dolfinx_mortar/surface/search.h>
+#include <dolfinx_mortar/surface/surface.h>
 #include <memory>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/optional.h>
@@ -34,7 +34,7 @@ using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
 /// Read-only view of a member of `C`, with `columns` values in a row (0: one
 /// axis only)
 template <typename C, typename T>
-void array(nb::class_<C>& c, const char* name, std::vector<T> C::* member,
+void array(nb::class_<C>& c, const char* name, std::vector<T> C::*member,
            const char* doc, std::size_t columns = 0)
 {
   c.def_prop_ro(
@@ -78,14 +78,14 @@ template <typename T>
 void scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward", [](const Surface& s, InOut<T> a)
+      "scatter_forward",
+      [](const Surface& s, InOut<T> a)
       { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a)
-      {
+      [](const Surface& s, InOut<T> a) {
         scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
       },
       nb::arg("surface"), nb::arg("values").noconvert(),

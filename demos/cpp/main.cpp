@@ -11,9 +11,9 @@
 #include <basix/finite-element.h>
 #include <cmath>
 #include <dolfinx.h>
-#include <dolfinx_mortar/adapter.h>
-#include <dolfinx_mortar/compat.h>
-#include <dolfinx_mortar/coupling.h>
+#include <dolfinx_mortar/assembly/coupling.h>
+#include <dolfinx_mortar/dolfinx/adapter.h>
+#include <dolfinx_mortar/dolfinx/compat.h>
 #include <iostream>
 #include <memory>
 #include <petsc.h>

@@ -3,8 +3,8 @@
 
 #pragma once
 
-#include "facet.h"
 #include <cstdint>
+#include <dolfinx_mortar/geometry/facet.h>
 #include <mpi.h>
 #include <span>
 #include <string>

@@ -3,11 +3,11 @@
 
 #include "search.h"
 #include "boxes.h"
-#include "error.h"
-#include "mpi_exchange.h"
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/common/mpi_exchange.h>
 #include <numeric>
 #include <string>
 #include <utility>
@@ -266,7 +266,8 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   {
     const std::vector<Outline> local = outlines(master, x_master);
     std::vector<Box> boxes(local.size());
-    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
+    std::ranges::transform(local, boxes.begin(),
+                           [&](const Outline& o)
                            { return grown(o.box, reach(o)); });
     near = collect(box, master, x_master, boxes);
   }

@@ -3,9 +3,9 @@
 
 #pragma once
 
-#include "facet.h"
 #include "options.h"
 #include <Eigen/Dense>
+#include <dolfinx_mortar/geometry/facet.h>
 #include <span>
 
 namespace dolfinx_mortar

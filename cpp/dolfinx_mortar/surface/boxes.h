@@ -3,10 +3,10 @@
 
 #pragma once
 
-#include "mpi_exchange.h"
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <dolfinx_mortar/common/mpi_exchange.h>
 #include <limits>
 #include <mpi.h>
 #include <span>

@@ -3,10 +3,10 @@
 
 #include "coupling.h"
 #include "block_accumulator.h"
-#include "error.h"
-#include "integrals.h"
-#include "patches.h"
 #include <algorithm>
+#include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/multiplier/integrals.h>
+#include <dolfinx_mortar/surface/patches.h>
 #include <map>
 #include <stdexcept>
 

@@ -79,7 +79,8 @@ public:
       const std::size_t n = row.columns.size();
       order.resize(n);
       std::iota(order.begin(), order.end(), 0);
-      std::sort(order.begin(), order.end(), [&](auto a, auto b)
+      std::sort(order.begin(), order.end(),
+                [&](auto a, auto b)
                 { return row.columns[a] < row.columns[b]; });
       for (int c = 0; c < repeat; ++c)
       {

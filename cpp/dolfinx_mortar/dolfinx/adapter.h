@@ -3,11 +3,11 @@
 
 #pragma once
 
-#include "surface.h"
 #include <cstdint>
 #include <dolfinx/common/IndexMap.h>
 #include <dolfinx/fem/FunctionSpace.h>
 #include <dolfinx/mesh/MeshTags.h>
+#include <dolfinx_mortar/surface/surface.h>
 #include <functional>
 #include <span>
 #include <string>

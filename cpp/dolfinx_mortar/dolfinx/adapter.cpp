@@ -3,7 +3,6 @@
 
 #include "adapter.h"
 #include "compat.h"
-#include "error.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -12,6 +11,7 @@
 #include <cmath>
 #include <dolfinx/mesh/Topology.h>
 #include <dolfinx/mesh/cell_types.h>
+#include <dolfinx_mortar/common/error.h>
 #include <map>
 #include <stdexcept>
 #include <utility>
@@ -79,7 +79,8 @@ check_space(const dolfinx::fem::FunctionSpace<double>& V)
           "element?): use Lagrange of degree 1 or 2, or "
           "dolfinx_mortar.hex20().");
     }
-  }();
+  }
+  ();
   if (!e.value_shape().empty())
   {
     throw std::runtime_error(
@@ -124,8 +125,9 @@ reference_facets(const basix::FiniteElement<double>& e)
   const std::vector<double> geometry
       = basix::cell::geometry<double>(e.cell_type()).first;
   const std::vector<double>& points = e.points().first;
-  auto vertex = [&](int v) -> Vector
-  { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
+  auto vertex = [&](int v) -> Vector {
+    return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]};
+  };
   Vector centre = Vector::Zero();
   const int num_vertices = topology[0].size();
   for (int v = 0; v < num_vertices; ++v)

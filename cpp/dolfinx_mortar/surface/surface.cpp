@@ -2,11 +2,11 @@
 // SPDX-License-Identifier: MIT
 
 #include "surface.h"
-#include "error.h"
-#include "mpi_exchange.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/common/mpi_exchange.h>
 #include <stdexcept>
 #include <string>
 #include <tuple>
@@ -193,7 +193,8 @@ Surface dolfinx_mortar::create_surface(
   owned.erase(split, owned.end());
   auto owner = [&](std::int32_t block)
   { return block_owners[block - num_owned_blocks]; };
-  std::ranges::sort(ghosts, {}, [&](std::int32_t b)
+  std::ranges::sort(ghosts, {},
+                    [&](std::int32_t b)
                     { return std::tuple(owner(b), block_numbers[b]); });
 
   // Tell the owners of the ghosts

@@ -3,11 +3,11 @@
 
 #pragma once
 
-#include "options.h"
-#include "search.h"
-#include "surface.h"
 #include <array>
 #include <cstdint>
+#include <dolfinx_mortar/multiplier/options.h>
+#include <dolfinx_mortar/surface/search.h>
+#include <dolfinx_mortar/surface/surface.h>
 #include <optional>
 #include <petscmat.h>
 #include <span>
