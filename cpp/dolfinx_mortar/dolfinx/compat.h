@@ -9,6 +9,7 @@
 #include <dolfinx/fem/FiniteElement.h>
 #include <dolfinx/fem/FunctionSpace.h>
 #include <dolfinx/fem/utils.h>
+#include <dolfinx/la/Vector.h>
 #include <dolfinx/mesh/Mesh.h>
 #include <memory>
 #include <span>
@@ -62,5 +63,18 @@ create_vector_space(std::shared_ptr<dolfinx::mesh::Mesh<double>> mesh,
   return std::make_shared<fem::FunctionSpace<double>>(
       fem::create_functionspace<double>(mesh, element, shape));
 #endif
+}
+
+/// @brief Owned and ghost values of a vector.
+inline std::span<double> values(dolfinx::la::Vector<double>& v)
+{
+  auto get = [](auto& w) -> std::span<double>
+  {
+    if constexpr (requires { w.mutable_array(); })
+      return w.mutable_array();
+    else
+      return w.array();
+  };
+  return get(v);
 }
 } // namespace dolfinx_mortar::compat

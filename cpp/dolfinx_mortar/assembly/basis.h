@@ -1,0 +1,47 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "interface.h"
+#include "petsc.h"
+
+namespace dolfinx_mortar
+{
+/// @brief ∫ Ñ_j dγ over the whole slave surface, whether covered or not.
+/// Collective.
+/// @param[in] interface Interface.
+/// @param[in] nonnegative See Basis.
+/// @param[in] x Positions of the local slave nodes, shape (n, 3).
+/// @return Weight (area) of each local slave node, shape (n).
+std::vector<double> nodal_weights(const Interface& interface,
+                                  std::span<const std::int8_t> nonnegative,
+                                  std::span<const double> x);
+
+/// @brief Flag the nodes that get functions which are nowhere negative: those
+/// of facets that masters cover in part, and of all facets around them.
+/// Collective.
+/// @param[in] interface Interface.
+/// @param[in] x Positions of the local slave nodes, shape (n, 3).
+/// @param[in] covered Covered area of each facet, see NodalIntegrals.
+/// @return Flag of each local slave node, shape (n).
+std::vector<std::int8_t> flag_nonnegative(const Interface& interface,
+                                          std::span<const double> x,
+                                          std::span<const double> covered);
+
+/// @brief Insert the basis transformation T, or its inverse, of the slave nodes
+/// (displacements by displacements); other rows are not touched. Collective.
+/// @param[in] interface Interface.
+/// @param[in] nonnegative See Basis.
+/// @param[in] inverse Insert T⁻¹.
+/// @param[in,out] T Matrix that takes any pattern, see create_matrix; the
+/// caller assembles it.
+void insert_transformation(const Interface& interface,
+                           std::span<const std::int8_t> nonnegative,
+                           bool inverse, Mat T);
+
+/// @brief Create an empty parallel AIJ matrix, to be filled with any pattern.
+/// Collective.
+Matrix create_matrix(MPI_Comm comm, std::int64_t local_rows,
+                     std::int64_t local_columns);
+} // namespace dolfinx_mortar

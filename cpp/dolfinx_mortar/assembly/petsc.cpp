@@ -1,0 +1,263 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "petsc.h"
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+/// A vector that looks at the values of somebody else.
+Vector view(Mat A, bool left, std::span<const double> x)
+{
+  MPI_Comm comm;
+  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(A), &comm),
+        "PetscObjectGetComm");
+  auto [rows, columns] = local_size(A);
+  if (static_cast<PetscInt>(x.size()) != (left ? rows : columns))
+    throw std::invalid_argument("A vector does not fit its matrix.");
+  int size;
+  MPI_Comm_size(comm, &size);
+  Vector v;
+  if (size == 1)
+  {
+    check(VecCreateSeqWithArray(comm, 1, x.size(), x.data(), v.put()),
+          "VecCreateSeqWithArray");
+  }
+  else
+  {
+    check(VecCreateMPIWithArray(comm, 1, x.size(), PETSC_DETERMINE, x.data(),
+                                v.put()),
+          "VecCreateMPIWithArray");
+  }
+  return v;
+}
+} // namespace
+
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::check(PetscErrorCode code, const char* what)
+{
+  if (code == PETSC_SUCCESS)
+    return;
+  const char* text = nullptr;
+  PetscErrorMessage(code, &text, nullptr);
+  throw std::runtime_error(std::string("PETSc failed in ") + what + ": "
+                           + (text ? text : "error ")
+                           + (text ? "" : std::to_string(code)) + ".");
+}
+//-----------------------------------------------------------------------------
+std::pair<PetscInt, PetscInt> dolfinx_mortar::local_size(Mat A)
+{
+  PetscInt rows, columns;
+  check(MatGetLocalSize(A, &rows, &columns), "MatGetLocalSize");
+  return {rows, columns};
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, PetscInt local_rows,
+                                        PetscInt local_columns,
+                                        std::span<const PetscInt> offsets,
+                                        std::span<const PetscInt> columns,
+                                        std::span<const double> values,
+                                        int block_size)
+{
+  Matrix A;
+  check(MatCreate(comm, A.put()), "MatCreate");
+  check(MatSetSizes(A.get(), local_rows, local_columns, PETSC_DETERMINE,
+                    PETSC_DETERMINE),
+        "MatSetSizes");
+  check(MatSetType(A.get(), MATAIJ), "MatSetType");
+  if (block_size > 1)
+    check(MatSetBlockSize(A.get(), block_size), "MatSetBlockSize");
+  check(MatSeqAIJSetPreallocationCSR(A.get(), offsets.data(), columns.data(),
+                                     values.data()),
+        "MatSeqAIJSetPreallocationCSR");
+  check(MatMPIAIJSetPreallocationCSR(A.get(), offsets.data(), columns.data(),
+                                     values.data()),
+        "MatMPIAIJSetPreallocationCSR");
+  // Sums of such matrices have entries elsewhere
+  check(MatSetOption(A.get(), MAT_NEW_NONZERO_ALLOCATION_ERR, PETSC_FALSE),
+        "MatSetOption");
+  return A;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::create_from_entries(MPI_Comm comm, PetscInt local_rows,
+                                           PetscInt local_columns,
+                                           std::span<const Entry> entries)
+{
+  std::vector<Eigen::Triplet<double, PetscInt>> triplets;
+  triplets.reserve(entries.size());
+  for (const Entry& e : entries)
+  {
+    if (e.value != 0)
+      triplets.emplace_back(e.row, e.column, e.value);
+  }
+  Eigen::SparseMatrix<double, Eigen::RowMajor, PetscInt> S(local_rows,
+                                                           local_columns);
+  S.setFromTriplets(triplets.begin(), triplets.end());
+  const PetscInt first = first_of_rank(comm, local_columns);
+  std::vector<PetscInt> columns(S.innerIndexPtr(),
+                                S.innerIndexPtr() + S.nonZeros());
+  for (PetscInt& c : columns)
+    c += first;
+  return create_from_rows(
+      comm, local_rows, local_columns,
+      {S.outerIndexPtr(), static_cast<std::size_t>(local_rows + 1)}, columns,
+      {S.valuePtr(), columns.size()});
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::multiply(Mat A, std::span<const double> x)
+{
+  std::vector<double> y(local_size(A).first);
+  check(MatMult(A, view(A, false, x).get(), view(A, true, y).get()), "MatMult");
+  return y;
+}
+//-----------------------------------------------------------------------------
+std::vector<double>
+dolfinx_mortar::multiply_transposed(Mat A, std::span<const double> x)
+{
+  std::vector<double> y(local_size(A).second);
+  check(MatMultTranspose(A, view(A, true, x).get(), view(A, false, y).get()),
+        "MatMultTranspose");
+  return y;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::multiply(Mat A, Mat B)
+{
+  Matrix C;
+  check(MatMatMult(A, B, MAT_INITIAL_MATRIX, PETSC_DEFAULT, C.put()),
+        "MatMatMult");
+  return C;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::transpose(Mat A)
+{
+  Matrix At;
+  check(MatTranspose(A, MAT_INITIAL_MATRIX, At.put()), "MatTranspose");
+  return At;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::duplicate(Mat A)
+{
+  Matrix B;
+  check(MatDuplicate(A, MAT_COPY_VALUES, B.put()), "MatDuplicate");
+  return B;
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::add(Mat Y, double factor, Mat X)
+{
+  check(MatSetOption(Y, MAT_NEW_NONZERO_ALLOCATION_ERR, PETSC_FALSE),
+        "MatSetOption");
+  check(MatAXPY(Y, factor, X, DIFFERENT_NONZERO_PATTERN), "MatAXPY");
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::scale_rows(Mat A, std::span<const double> factors)
+{
+  check(MatDiagonalScale(A, view(A, true, factors).get(), nullptr),
+        "MatDiagonalScale");
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::scale_columns(Mat A, std::span<const double> factors)
+{
+  check(MatDiagonalScale(A, nullptr, view(A, false, factors).get()),
+        "MatDiagonalScale");
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::diagonal(Mat A)
+{
+  Vector d;
+  check(MatCreateVecs(A, nullptr, d.put()), "MatCreateVecs");
+  check(MatGetDiagonal(A, d.get()), "MatGetDiagonal");
+  return local_values(d.get());
+}
+//-----------------------------------------------------------------------------
+Vector dolfinx_mortar::create_vector(MPI_Comm comm,
+                                     std::span<const double> values)
+{
+  Vector v;
+  check(VecCreate(comm, v.put()), "VecCreate");
+  check(VecSetSizes(v.get(), values.size(), PETSC_DETERMINE), "VecSetSizes");
+  check(VecSetType(v.get(), VECSTANDARD), "VecSetType");
+  PetscScalar* x;
+  check(VecGetArrayWrite(v.get(), &x), "VecGetArrayWrite");
+  std::ranges::copy(values, x);
+  check(VecRestoreArrayWrite(v.get(), &x), "VecRestoreArrayWrite");
+  return v;
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::local_values(Vec x)
+{
+  PetscInt n;
+  const PetscScalar* values;
+  check(VecGetLocalSize(x, &n), "VecGetLocalSize");
+  check(VecGetArrayRead(x, &values), "VecGetArrayRead");
+  std::vector<double> copy(values, values + n);
+  check(VecRestoreArrayRead(x, &values), "VecRestoreArrayRead");
+  return copy;
+}
+//-----------------------------------------------------------------------------
+std::int64_t dolfinx_mortar::first_of_rank(MPI_Comm comm, std::int64_t size)
+{
+  std::int64_t end = 0;
+  MPI_Scan(&size, &end, 1, MPI_INT64_T, MPI_SUM, comm);
+  return end - size;
+}
+//-----------------------------------------------------------------------------
+double dolfinx_mortar::sum(MPI_Comm comm, double value)
+{
+  MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_SUM, comm);
+  return value;
+}
+//-----------------------------------------------------------------------------
+std::int64_t dolfinx_mortar::sum(MPI_Comm comm, std::int64_t value)
+{
+  MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_INT64_T, MPI_SUM, comm);
+  return value;
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::sum(MPI_Comm comm,
+                                        std::vector<double> values)
+{
+  MPI_Allreduce(MPI_IN_PLACE, values.data(), values.size(), MPI_DOUBLE, MPI_SUM,
+                comm);
+  return values;
+}
+//-----------------------------------------------------------------------------
+double dolfinx_mortar::max(MPI_Comm comm, double value)
+{
+  MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MAX, comm);
+  return value;
+}
+//-----------------------------------------------------------------------------
+double dolfinx_mortar::min(MPI_Comm comm, double value)
+{
+  MPI_Allreduce(MPI_IN_PLACE, &value, 1, MPI_DOUBLE, MPI_MIN, comm);
+  return value;
+}
+//-----------------------------------------------------------------------------
+bool dolfinx_mortar::any(MPI_Comm comm, bool value)
+{
+  int flag = value;
+  MPI_Allreduce(MPI_IN_PLACE, &flag, 1, MPI_INT, MPI_LOR, comm);
+  return flag;
+}
+//-----------------------------------------------------------------------------
+double dolfinx_mortar::norm(MPI_Comm comm, std::span<const double> values)
+{
+  double square = 0;
+  for (double v : values)
+    square += v * v;
+  return std::sqrt(sum(comm, square));
+}
+//-----------------------------------------------------------------------------
+double dolfinx_mortar::max_norm(MPI_Comm comm, std::span<const double> values)
+{
+  double largest = 0;
+  for (double v : values)
+    largest = std::max(largest, std::abs(v));
+  return max(comm, largest);
+}

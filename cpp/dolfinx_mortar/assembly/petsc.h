@@ -1,0 +1,203 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include <cstdint>
+#include <petscksp.h>
+#include <petscmat.h>
+#include <petscsnes.h>
+#include <petscvec.h>
+#include <span>
+#include <utility>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief Turn an error code of PETSc into an exception.
+/// @param[in] what Name of the function that was called.
+/// @throw std::runtime_error The code is that of an error.
+void check(PetscErrorCode code, const char* what);
+
+/// @brief Owner of a reference to a PETSc object.
+///
+/// Copies share the object. All ranks of its communicator give up the last
+/// reference together.
+template <typename T, PetscErrorCode (*destroy)(T*)>
+class PetscHandle
+{
+public:
+  PetscHandle() = default;
+
+  /// @brief Take over a reference.
+  explicit PetscHandle(T object) : _object(object) {}
+
+  PetscHandle(const PetscHandle& other) : _object(other._object)
+  {
+    if (_object)
+      PetscObjectReference(reinterpret_cast<PetscObject>(_object));
+  }
+
+  PetscHandle(PetscHandle&& other) noexcept
+      : _object(std::exchange(other._object, nullptr))
+  {
+  }
+
+  PetscHandle& operator=(PetscHandle other) noexcept
+  {
+    std::swap(_object, other._object);
+    return *this;
+  }
+
+  ~PetscHandle() { reset(); }
+
+  /// @brief Give up the reference.
+  void reset()
+  {
+    if (_object)
+      destroy(&_object);
+    _object = nullptr;
+  }
+
+  /// @brief The object; it stays with this owner.
+  T get() const { return _object; }
+
+  explicit operator bool() const { return _object != nullptr; }
+
+  /// @brief Where a function of PETSc puts a new object.
+  T* put()
+  {
+    reset();
+    return &_object;
+  }
+
+private:
+  T _object = nullptr;
+};
+
+using Matrix = PetscHandle<Mat, MatDestroy>;
+using Vector = PetscHandle<Vec, VecDestroy>;
+
+/// Entry of a matrix, with local row and local column.
+struct Entry
+{
+  std::int32_t row, column;
+  double value;
+};
+
+/// @brief Local number of rows and of columns of a matrix.
+std::pair<PetscInt, PetscInt> local_size(Mat A);
+
+/// @brief Matrix from the rows of this rank. Collective.
+/// @param[in] comm Communicator.
+/// @param[in] local_rows,local_columns Local size.
+/// @param[in] offsets Where the entries of each local row begin, shape
+/// (local_rows + 1).
+/// @param[in] columns Global columns, ascending within a row.
+/// @param[in] values Entries.
+/// @param[in] block_size Size of the blocks that rows come in.
+Matrix create_from_rows(MPI_Comm comm, PetscInt local_rows,
+                        PetscInt local_columns,
+                        std::span<const PetscInt> offsets,
+                        std::span<const PetscInt> columns,
+                        std::span<const double> values, int block_size = 1);
+
+/// @brief Matrix all of whose entries are in the rank's own columns.
+/// Collective.
+/// @param[in] comm Communicator.
+/// @param[in] local_rows,local_columns Local size.
+/// @param[in] entries Entries, in any order; those of one place are added up.
+Matrix create_from_entries(MPI_Comm comm, PetscInt local_rows,
+                           PetscInt local_columns,
+                           std::span<const Entry> entries);
+
+/// @brief A x for the values of this rank. Collective.
+std::vector<double> multiply(Mat A, std::span<const double> x);
+
+/// @brief Aᵀ x for the values of this rank. Collective.
+std::vector<double> multiply_transposed(Mat A, std::span<const double> x);
+
+/// @brief A B. Collective.
+Matrix multiply(Mat A, Mat B);
+
+/// @brief Aᵀ as a matrix of its own. Collective.
+Matrix transpose(Mat A);
+
+/// @brief A copy with its own values. Collective.
+Matrix duplicate(Mat A);
+
+/// @brief Y += factor X, of any patterns. Collective.
+void add(Mat Y, double factor, Mat X);
+
+/// @brief Scale rows in place. Collective.
+/// @param[in] factors Factors of this rank's rows.
+void scale_rows(Mat A, std::span<const double> factors);
+
+/// @brief Scale columns in place. Collective.
+/// @param[in] factors Factors of this rank's columns.
+void scale_columns(Mat A, std::span<const double> factors);
+
+/// @brief Diagonal of this rank's rows. Collective.
+std::vector<double> diagonal(Mat A);
+
+/// @brief Entries of a local row of an assembled AIJ matrix.
+class MatrixRow
+{
+public:
+  /// @param[in] A Matrix.
+  /// @param[in] row Global row, one of this rank's.
+  MatrixRow(Mat A, PetscInt row) : _A(A), _row(row)
+  {
+    check(MatGetRow(_A, _row, &_size, &_columns, &_values), "MatGetRow");
+  }
+  MatrixRow(const MatrixRow&) = delete;
+  MatrixRow& operator=(const MatrixRow&) = delete;
+  ~MatrixRow() { MatRestoreRow(_A, _row, &_size, &_columns, &_values); }
+
+  /// Global columns, ascending
+  std::span<const PetscInt> columns() const
+  {
+    return {_columns, static_cast<std::size_t>(_size)};
+  }
+
+  std::span<const PetscScalar> values() const
+  {
+    return {_values, static_cast<std::size_t>(_size)};
+  }
+
+private:
+  Mat _A;
+  PetscInt _row, _size = 0;
+  const PetscInt* _columns = nullptr;
+  const PetscScalar* _values = nullptr;
+};
+
+/// @brief Vector with a copy of the values of this rank. Collective.
+Vector create_vector(MPI_Comm comm, std::span<const double> values);
+
+/// @brief Copy of the values of this rank.
+std::vector<double> local_values(Vec x);
+
+/// @brief First of this rank's `size` consecutive numbers. Collective.
+std::int64_t first_of_rank(MPI_Comm comm, std::int64_t size);
+
+/// @brief Sum over all ranks. Collective.
+double sum(MPI_Comm comm, double value);
+std::int64_t sum(MPI_Comm comm, std::int64_t value);
+std::vector<double> sum(MPI_Comm comm, std::vector<double> values);
+
+/// @brief Largest value of all ranks. Collective.
+double max(MPI_Comm comm, double value);
+
+/// @brief Smallest value of all ranks. Collective.
+double min(MPI_Comm comm, double value);
+
+/// @brief Whether something is true on any rank. Collective.
+bool any(MPI_Comm comm, bool value);
+
+/// @brief Euclidean norm of distributed values. Collective.
+double norm(MPI_Comm comm, std::span<const double> values);
+
+/// @brief Largest absolute value of distributed values. Collective.
+double max_norm(MPI_Comm comm, std::span<const double> values);
+} // namespace dolfinx_mortar

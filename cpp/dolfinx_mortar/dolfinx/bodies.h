@@ -1,0 +1,139 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <dolfinx/fem/DirichletBC.h>
+#include <dolfinx/fem/Form.h>
+#include <dolfinx/fem/Function.h>
+#include <dolfinx/mesh/MeshTags.h>
+#include <dolfinx_mortar/assembly/layout.h>
+#include <dolfinx_mortar/assembly/petsc.h>
+#include <dolfinx_mortar/surface/surface.h>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief A body (or several, in one mesh): forms and displacement.
+struct Body
+{
+  /// Residual, linear in its test function, and its derivative by `u`
+  std::shared_ptr<const dolfinx::fem::Form<double>> F, J;
+
+  /// Displacement; holds the start of an iteration, and the solution
+  std::shared_ptr<dolfinx::fem::Function<double>> u;
+};
+
+using DirichletBC = dolfinx::fem::DirichletBC<double>;
+using FunctionSpace = dolfinx::fem::FunctionSpace<double>;
+
+/// @brief Tagged facets of one body, as a part of a surface.
+struct TaggedFacets
+{
+  std::shared_ptr<const FunctionSpace> V;
+  std::shared_ptr<const dolfinx::mesh::MeshTags<std::int32_t>> tags;
+  std::int32_t tag;
+};
+
+/// @brief Number, extent and connected parts of the displacement dofs of
+/// several spaces. Collective.
+/// @param[in] comm Communicator of matrices and vectors; of the ranks of the
+/// meshes, in their order.
+/// @param[in] spaces Displacement spaces.
+Layout
+create_layout(MPI_Comm comm,
+              std::span<const std::shared_ptr<const FunctionSpace>> spaces);
+
+/// @brief The surface that tagged facets of one or more bodies make up.
+/// Collective.
+/// @param[in] layout,spaces Displacement dofs, and the spaces they are of.
+/// @param[in] parts Parts of the surface.
+/// @param[in] side "slave" or "master", for messages.
+/// @throw std::invalid_argument, std::runtime_error On all ranks, where a part
+/// is on none of the spaces or cannot be a surface.
+Surface
+create_surface(const Layout& layout,
+               std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+               std::span<const TaggedFacets> parts, const std::string& side);
+
+/// @brief Forms, displacements and Dirichlet conditions of the bodies of a
+/// problem, without what happens between them.
+class Bodies
+{
+public:
+  /// @brief Collective.
+  /// @param[in] comm Communicator, see create_layout.
+  /// @param[in] bodies One for each displacement space.
+  /// @param[in] bcs Dirichlet conditions of all bodies.
+  /// @throw std::invalid_argument A condition is on none of the spaces.
+  Bodies(MPI_Comm comm, std::vector<Body> bodies,
+         std::vector<std::shared_ptr<const DirichletBC>> bcs);
+
+  const Layout& layout() const { return _layout; }
+
+  const std::vector<Body>& bodies() const { return _bodies; }
+
+  /// @brief Displacement space of each body.
+  std::vector<std::shared_ptr<const FunctionSpace>> spaces() const;
+
+  /// @brief Displacements of the owned dofs.
+  std::vector<double> displacements() const;
+
+  /// @brief Displacements of the local blocks of all bodies.
+  std::vector<double> local_displacements() const;
+
+  /// @brief Values of local blocks, from those of the owned ones. Collective.
+  /// @param[in] owned Shape (num_blocks, 3).
+  std::vector<double> extend(std::span<const double> owned) const;
+
+  /// @brief Set the displacements, ghosts included. Collective.
+  void set_displacements(std::span<const double> owned);
+
+  /// @brief Residual forces of the owned dofs at the present displacement.
+  /// Collective.
+  std::vector<double> residual() const;
+
+  /// @brief Tangent at the present displacement. Collective.
+  ///
+  /// With one body its values change with the next call.
+  Matrix tangent() const;
+
+  /// @brief Non-zero for local displacements with a Dirichlet condition, shape
+  /// (num_local_blocks, 3).
+  std::vector<std::int8_t> prescribed() const;
+
+  /// @brief Values of the Dirichlet conditions at the owned dofs, else zero.
+  std::vector<double> prescribed_values() const;
+
+  /// Cells that are turned inside out, on all ranks, and the middle of the
+  /// first of them
+  struct Inverted
+  {
+    std::int64_t number;
+    std::array<double, 3> x;
+  };
+
+  /// @brief Find cells that are inside out in the middle of them or of a
+  /// facet. Collective.
+  Inverted find_inverted() const;
+
+  /// @brief Whether a mesh has been moved since the problem was made.
+  /// Collective.
+  bool meshes_moved() const;
+
+private:
+  std::size_t body_of(const DirichletBC& bc) const;
+  std::vector<std::size_t> checksums() const;
+
+  std::vector<Body> _bodies;
+  std::vector<std::shared_ptr<const DirichletBC>> _bcs;
+  Layout _layout;
+  std::vector<Matrix> _tangents;
+  std::vector<std::size_t> _checksums;
+};
+} // namespace dolfinx_mortar

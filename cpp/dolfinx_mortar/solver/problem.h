@@ -1,0 +1,210 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "first_contact.h"
+#include "newton.h"
+#include <dolfinx_mortar/dolfinx/bodies.h>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief A tie, or a contact: what a user says of it.
+struct InterfaceOptions
+{
+  /// Parts of both surfaces
+  std::vector<TaggedFacets> slave, master;
+
+  /// Space, integration, degree, search distance, largest angle
+  IntegrationOptions integration;
+
+  /// Share of its surroundings that masters must cover for a slave node to
+  /// carry a multiplier
+  double min_coverage = 0.15;
+
+  /// What makes it a contact; a tie has none
+  std::optional<ContactOptions> contact;
+
+  /// Tangential behaviour of a contact, at first
+  Friction friction;
+
+  /// Angle [degrees] between slave facets from which on they meet at an edge;
+  /// of contacts
+  double feature_angle = 40;
+
+  /// With reference geometry: unit normal to be used at all slave nodes
+  std::optional<std::array<double, 3>> normal;
+
+  /// Nodes in contact when the first solve starts
+  InitialActive initial_active;
+
+  /// Positions of local slave and master nodes that a tie is integrated at,
+  /// where they are not those of the mesh; shapes (n, 3)
+  std::vector<double> x_slave, x_master;
+};
+
+/// @brief Options of a problem.
+struct ProblemOptions
+{
+  /// Prefix of PETSc options
+  std::string petsc_options_prefix = "mortar_";
+
+  /// PETSc options without the prefix: `snes_*` for Newton's iteration, `ksp_*`
+  /// and `pc_*` for the condensed (or saddle point) system
+  std::map<std::string, std::string> petsc_options;
+
+  /// Condense the multipliers; by default where all are dual
+  std::optional<bool> condense;
+
+  /// Called by all ranks together once in each iteration, and may throw: a
+  /// place to look for interrupts
+  std::function<void()> poll;
+};
+
+/// @brief Forces and moments about the origin of an interface.
+struct Resultants
+{
+  std::array<double, 3> slave_force, master_force, slave_moment, master_moment;
+};
+
+/// @brief Numbers and tables of a coupled problem: surfaces of all interfaces,
+/// multipliers, candidates. Collective.
+/// @param[in] layout Displacement dofs of the bodies.
+/// @param[in] spaces Displacement space of each body.
+/// @param[in] prescribed See create_coupling.
+/// @param[in] interfaces Interfaces.
+Coupling
+create_coupling(Layout layout,
+                std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+                std::span<const std::int8_t> prescribed,
+                const std::vector<InterfaceOptions>& interfaces);
+
+/// @brief Bodies coupled by interfaces, solved by PETSc's SNES: find u (and λ)
+/// such that F(u; v) + ∫ λ·(v⁽¹⁾ - v⁽²⁾∘P) = 0 under the interfaces'
+/// conditions.
+///
+/// The unknowns of the SNES are the displacements of all bodies and the
+/// multipliers of all interfaces; its linear solver condenses the multipliers.
+/// All functions but those that return references are collective.
+class ContactProblem
+{
+public:
+  /// @param[in] comm Communicator of matrices and vectors, of the ranks of all
+  /// meshes in their order; it must live as long as the problem.
+  /// @param[in] bodies Forms and displacement of each body.
+  /// @param[in] bcs Dirichlet conditions of all bodies.
+  /// @param[in] interfaces Ties and contacts.
+  /// @param[in] options PETSc options, condensation.
+  /// @throw std::invalid_argument, std::runtime_error On all ranks, where
+  /// something does not fit; the message says what to do.
+  ContactProblem(MPI_Comm comm, std::vector<Body> bodies,
+                 std::vector<std::shared_ptr<const DirichletBC>> bcs,
+                 const std::vector<InterfaceOptions>& interfaces,
+                 ProblemOptions options = {});
+
+  ContactProblem(const ContactProblem&) = delete;
+  ContactProblem& operator=(const ContactProblem&) = delete;
+  ~ContactProblem();
+
+  /// @brief Solve from the present displacement.
+  /// @return Number of Newton iterations.
+  /// @throw ConvergenceError Not converged, or to a state that cannot be meant:
+  /// bodies that have passed through each other, cells inside out, Dirichlet
+  /// conditions that hold slave nodes inside a master. The state is as before
+  /// the call.
+  int solve();
+
+  /// @brief Solve a step, in parts where it does not converge as a whole.
+  /// @param[in] load Sets loads and boundary values for a fraction in (0, 1] of
+  /// the step.
+  /// @param[in] max_cuts How often a step may be halved.
+  /// @return Number of Newton iterations of the parts that converged.
+  /// @throw ConvergenceError The smallest part does not converge; the state is
+  /// as before the call.
+  int solve(const std::function<void(double)>& load, int max_cuts = 6);
+
+  /// @brief State of the last accepted step.
+  const State& state() const { return _state; }
+
+  /// @brief Go back (or forth) to a state; displacements become those of `u`.
+  /// @param[in] state State of this problem.
+  /// @param[in] u Displacements of the owned dofs; of the state, unless a solve
+  /// is to start from others.
+  void restore(const State& state, std::span<const double> u);
+
+  /// @brief Take a state that comes from elsewhere, as from a file: bases are
+  /// decided anew.
+  void resume(const State& state);
+
+  /// @brief What follows from the state; null before the first solve.
+  const Evaluation* evaluation() const { return _evaluation.get(); }
+
+  const Coupling& coupling() const { return _coupling; }
+  const Step& step() const { return _step; }
+  const Bodies& bodies() const { return _bodies; }
+  Bodies& bodies() { return _bodies; }
+
+  /// @brief Iterates of the last solve.
+  const History& history() const { return _newton->history(); }
+
+  /// @brief Change the tangential behaviour of a contact, from the next solve
+  /// on.
+  void set_friction(std::size_t interface, const Friction& friction);
+
+  /// @brief Forces and moments of a contact in the last accepted state.
+  Resultants resultants(std::size_t interface) const;
+
+  /// @brief D or M of an interface (equations 3.5, 3.6), a contact's in the
+  /// present configuration; multiplier by displacement dofs.
+  Matrix mortar_matrix(std::size_t interface, char which) const;
+
+  /// @brief T, or its inverse, of an interface; the identity off its slave
+  /// nodes.
+  Matrix transformation(std::size_t interface, bool inverse) const;
+
+  /// @brief D⁻¹ = T D̃⁻¹ of an interface with dual multipliers; displacement by
+  /// multiplier dofs.
+  /// @throw std::runtime_error Multipliers are not at all nodes, or a node on
+  /// an edge carries one for each of several patches.
+  Matrix inverse(std::size_t interface) const;
+
+  /// @brief The tie as u_slave = C u, in the rows of the slave dofs that it
+  /// determines; displacement by displacement dofs.
+  Matrix constraint_matrix(std::size_t interface) const;
+
+  /// @brief The tangential behaviour of an interface.
+  const Friction& friction(std::size_t interface) const
+  {
+    return _friction.at(interface);
+  }
+
+  /// @brief Newton's iteration.
+  Newton& newton() { return *_newton; }
+
+  /// @brief Decide on the multipliers of a solve that starts from the present
+  /// displacement, as solve does.
+  /// @return State and step that it starts with.
+  std::pair<State, Step> begin() const;
+
+private:
+  void warn_of_lost_area(const Step& step) const;
+  void check_unchanged() const;
+
+  Bodies _bodies;
+  Coupling _coupling;
+  std::vector<Friction> _friction;
+  std::vector<InitialActive> _initial_active;
+  mutable std::vector<std::int8_t> _warned;
+  State _state;
+  Step _step;
+  std::shared_ptr<const Evaluation> _evaluation;
+  ProblemOptions _options;
+  std::unique_ptr<Newton> _newton;
+};
+} // namespace dolfinx_mortar

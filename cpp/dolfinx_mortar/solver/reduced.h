@@ -1,0 +1,88 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "elimination.h"
+#include "newton_system.h"
+#include <span>
+#include <string>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief The condensed rows are (I_R + N) r_u + E r_z.
+///
+/// I_R keeps the rows that are not slave rows, B̃_R is B̃ without the entries of
+/// the multipliers at their own nodes, and
+///
+///     N = I_R (T - I)ᵀ - Y - Y (T - I)ᵀ,  Y = B̃_Rᵀ L + H,
+///     E = G - B̃_Rᵀ L_c,
+///
+/// with the columns of Dirichlet dofs left out of N. The condensed matrix is
+/// (I_R + N)(K + K_c) + E C_u, with unit rows at Dirichlet dofs.
+struct RowOperator
+{
+  Matrix N, E;
+
+  /// Factors of the rows, which give those of constraints the size of the
+  /// tangent's
+  std::vector<double> scale;
+};
+
+/// @brief Preconditioner of the condensed system by one of a symmetric system.
+///
+/// With Π the constrained directions of the nodes of S and Q the matrix that
+/// satisfies constraints at their own nodes (Elimination::solve_constraints; Π
+/// D̃⁻¹ where a node has one multiplier), motions without a change of the
+/// constraints are, but for the turning of normals, du = (I + W) w with
+///
+///     I + W = T (I - Q B̃).
+///
+/// On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what
+/// the inner preconditioner inverts. Motions in the directions of the
+/// constraints follow from the constraints, node by node. Dirichlet dofs are
+/// outside of all this: their rows are unit rows of the condensed system, and
+/// of the preconditioner too.
+class ReducedPreconditioner
+{
+public:
+  /// @param[in] comm Communicator.
+  /// @param[in] prefix Prefix of the options of the inner preconditioner.
+  /// @param[in] x Positions of the owned displacement dofs, for rigid body
+  /// modes.
+  ReducedPreconditioner(MPI_Comm comm, const std::string& prefix,
+                        std::span<const double> x);
+
+  /// @brief Set up for a system. Collective.
+  /// @param[in] s,e,rows Newton system, its elimination and its rows; they must
+  /// live until the last call of apply.
+  /// @throw ConvergenceError On all ranks, where the system is singular.
+  void prepare(const NewtonSystem& s, const Elimination& e,
+               const RowOperator& rows);
+
+  /// @brief Approximate solution y of the condensed system for the right-hand
+  /// side x. Collective.
+  void apply(Vec x, Vec y) const;
+
+  /// The inner preconditioner; null before the first system
+  PC inner() const { return _inner.get(); }
+
+private:
+  Matrix create_W() const;
+  Matrix create_operator() const;
+  std::vector<Eigen::Matrix3d> invert_constraints() const;
+
+  MPI_Comm _comm;
+  std::string _prefix;
+  PetscHandle<MatNullSpace, MatNullSpaceDestroy> _modes;
+
+  const NewtonSystem* _s = nullptr;
+  const Elimination* _e = nullptr;
+  const RowOperator* _rows = nullptr;
+  double _mean = 0;
+  Matrix _W;
+  PetscHandle<PC, PCDestroy> _inner;
+  std::vector<Eigen::Matrix3d> _blocks;
+};
+} // namespace dolfinx_mortar

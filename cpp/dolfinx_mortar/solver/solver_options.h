@@ -1,0 +1,71 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include <map>
+#include <mpi.h>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief PETSc options of a problem, and what is best for those that are not
+/// given.
+///
+/// They are in PETSc's database only while a problem is made and solved.
+class SolverOptions
+{
+public:
+  /// @param[in] prefix Prefix of all names.
+  /// @param[in] given The user's options, without the prefix; they count more
+  /// than what the command line says, and that more than defaults.
+  /// @throw std::invalid_argument An option cannot work with interfaces.
+  SolverOptions(std::string prefix, std::map<std::string, std::string> given);
+
+  const std::string& prefix() const { return _prefix; }
+
+  /// Kind of line search
+  const std::string& line_search() const { return _line_search; }
+
+  /// Names and values that count: the user's, the command line's, and defaults
+  std::map<std::string, std::string> effective() const;
+
+  /// @brief Refuse names that look like slips of the pen, once solvers have
+  /// been set up. Nested solvers take their options later.
+  /// @throw std::invalid_argument Nothing has asked for a name, but for one
+  /// that is nearly the same.
+  void check_names() const;
+
+  /// Options, without the prefix, that nothing has asked for so far
+  std::vector<std::string> unread() const;
+
+  /// @brief Options in PETSc's database as long as this lives; what was there
+  /// before is there again afterwards.
+  class Loan
+  {
+  public:
+    explicit Loan(SolverOptions& options);
+    Loan(const Loan&) = delete;
+    Loan& operator=(const Loan&) = delete;
+    ~Loan();
+
+  private:
+    SolverOptions& _options;
+    std::map<std::string, std::string> _before;
+  };
+
+private:
+  /// Value of an option without the prefix: the user's, or the command line's.
+  std::optional<std::string> chosen(const std::string& name) const;
+  void check_values() const;
+  void note_unread();
+
+  std::string _prefix, _line_search;
+  std::map<std::string, std::string> _given, _values;
+  std::set<std::string> _defaults;
+  std::optional<std::set<std::string>> _unread;
+};
+} // namespace dolfinx_mortar
