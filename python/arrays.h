@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <initializer_list>
 #include <nanobind/nanobind.h>
@@ -57,5 +58,43 @@ auto as_array(std::vector<T>&& x, std::initializer_list<std::size_t> shape)
   nanobind::capsule owner(data, [](void* p) noexcept
                           { delete static_cast<std::vector<T>*>(p); });
   return nanobind::ndarray<T, nanobind::numpy>(data->data(), shape, owner);
+}
+
+/// Read-only view of a member of `C`, with `columns` values in a row (0: one
+/// axis only); it lives as long as the object, and shows its present values
+template <typename C, typename B, typename T>
+void def_array(nanobind::class_<C>& c, const char* name,
+               std::vector<T> B::*member, const char* doc,
+               std::size_t columns = 0)
+{
+  c.def_prop_ro(
+      name,
+      [member, columns](const C& self)
+      {
+        const std::vector<T>& v = self.*member;
+        const std::array<std::size_t, 2> shape
+            = {columns ? v.size() / columns : v.size(), columns};
+        return nanobind::ndarray<const T, nanobind::numpy>(
+            v.data(), columns ? 2 : 1, shape.data(), nanobind::handle());
+      },
+      nanobind::rv_policy::reference_internal, doc);
+}
+
+/// Copy of an array
+template <typename T>
+std::vector<T> copy(const In<T>& a)
+{
+  return {a.data(), a.data() + a.size()};
+}
+
+/// Values of an enum as an array of their numbers
+template <typename Enum>
+auto as_numbers(std::span<const Enum> values)
+{
+  std::vector<std::int8_t> numbers;
+  for (Enum v : values)
+    numbers.push_back(static_cast<std::int8_t>(v));
+  const std::size_t n = numbers.size();
+  return as_array(std::move(numbers), {n});
 }
 } // namespace dolfinx_mortar_wrappers

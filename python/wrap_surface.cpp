@@ -31,25 +31,6 @@ namespace
 template <typename T>
 using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
 
-/// Read-only view of a member of `C`, with `columns` values in a row (0: one
-/// axis only)
-template <typename C, typename T>
-void array(nb::class_<C>& c, const char* name, std::vector<T> C::*member,
-           const char* doc, std::size_t columns = 0)
-{
-  c.def_prop_ro(
-      name,
-      [member, columns](const C& self)
-      {
-        const std::vector<T>& v = self.*member;
-        const std::array<std::size_t, 2> shape
-            = {columns ? v.size() / columns : v.size(), columns};
-        return nb::ndarray<const T, nb::numpy>(v.data(), columns ? 2 : 1,
-                                               shape.data(), nb::handle());
-      },
-      nb::rv_policy::reference_internal, doc);
-}
-
 /// Read-only view of the types of facets, as the numbers of FacetType
 template <typename C>
 void types(nb::class_<C>& c)
@@ -97,17 +78,21 @@ void wrap_surface(nb::module_& m)
 {
   nb::class_<Surface> s(m, "Surface", "One side of an interface.");
   types(s);
-  array(s, "offsets", &Surface::offsets, "Where the nodes of a facet begin.");
-  array(s, "nodes", &Surface::nodes, "Local nodes of all facets.");
-  array(s, "orientation", &Surface::orientation, "+1 or -1 for each facet.");
-  array(s, "numbers", &Surface::numbers, "Surface number of each local node.");
-  array(s, "blocks", &Surface::blocks, "Block number of each local node.");
-  array(s, "local_blocks", &Surface::local_blocks,
-        "Local block of the function space of each local node.");
-  array(s, "X", &Surface::X, "Reference positions, shape (num_nodes, 3).", 3);
-  array(s, "owner_ranks", &Surface::owner_ranks, "Ranks that own ghosts.");
-  array(s, "ghost_ranks", &Surface::ghost_ranks,
-        "Ranks that have ghosts of owned nodes.");
+  def_array(s, "offsets", &Surface::offsets,
+            "Where the nodes of a facet begin.");
+  def_array(s, "nodes", &Surface::nodes, "Local nodes of all facets.");
+  def_array(s, "orientation", &Surface::orientation,
+            "+1 or -1 for each facet.");
+  def_array(s, "numbers", &Surface::numbers,
+            "Surface number of each local node.");
+  def_array(s, "blocks", &Surface::blocks, "Block number of each local node.");
+  def_array(s, "local_blocks", &Surface::local_blocks,
+            "Local block of the function space of each local node.");
+  def_array(s, "X", &Surface::X, "Reference positions, shape (num_nodes, 3).",
+            3);
+  def_array(s, "owner_ranks", &Surface::owner_ranks, "Ranks that own ghosts.");
+  def_array(s, "ghost_ranks", &Surface::ghost_ranks,
+            "Ranks that have ghosts of owned nodes.");
   s.def_ro("num_owned", &Surface::num_owned)
       .def_ro("first_owned", &Surface::first_owned)
       .def_ro("num_global", &Surface::num_global)
@@ -233,8 +218,8 @@ void wrap_surface(nb::module_& m)
       "Check that every facet has an area. Collective.");
 
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
-  array(n, "n", &Normals::n, "Unit normals, shape (num_nodes, 3).", 3);
-  array(n, "length", &Normals::length, "Length of the sums.");
+  def_array(n, "n", &Normals::n, "Unit normals, shape (num_nodes, 3).", 3);
+  def_array(n, "length", &Normals::length, "Length of the sums.");
   m.def(
       "compute_normals",
       [](const Surface& s, In<double> x, std::optional<In<std::int8_t>> fixed)
@@ -268,15 +253,17 @@ void wrap_surface(nb::module_& m)
 
   nb::class_<FacetList> l(m, "FacetList", "Facets with their positions.");
   types(l);
-  array(l, "orientation", &FacetList::orientation, "+1 or -1 for each facet.");
-  array(l, "offsets", &FacetList::offsets, "Where the nodes of a facet begin.");
-  array(l, "blocks", &FacetList::blocks, "Block number of each node.");
-  array(l, "x", &FacetList::x, "Positions of the nodes, shape (n, 3).", 3);
+  def_array(l, "orientation", &FacetList::orientation,
+            "+1 or -1 for each facet.");
+  def_array(l, "offsets", &FacetList::offsets,
+            "Where the nodes of a facet begin.");
+  def_array(l, "blocks", &FacetList::blocks, "Block number of each node.");
+  def_array(l, "x", &FacetList::x, "Positions of the nodes, shape (n, 3).", 3);
   nb::class_<Candidates> c(m, "Candidates", "Pairs of facets that may meet.");
   c.def_ro("master", &Candidates::master, "Master facets of the pairs.");
-  array(c, "offsets", &Candidates::offsets,
-        "Where the masters of a slave facet begin.");
-  array(c, "facets", &Candidates::facets, "Master facets of all pairs.");
+  def_array(c, "offsets", &Candidates::offsets,
+            "Where the masters of a slave facet begin.");
+  def_array(c, "facets", &Candidates::facets, "Master facets of all pairs.");
   m.def(
       "find_candidates",
       [](const Surface& slave, In<double> x_slave, const Surface& master,

@@ -16,28 +16,60 @@ from mpi4py import MPI
 
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem, la
 
 from . import cpp, state_file
+from .contact import Contact
 from .interfaces import Interface
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
 
-#: Columns of a slave node: multiplier, slip, carries, status, c_n, c_t, scale
+#: Columns of a slave node: multiplier, slip, has_multiplier, status, c_n, c_t, scale
 _WIDTH = 11
 
 
-def _cells(problem: ContactProblem, body: int) -> tuple[npt.NDArray, npt.NDArray]:
+def _cells(V: fem.FunctionSpace) -> tuple[npt.NDArray, npt.NDArray]:
     """Original numbers and dofs of the cells a rank owns."""
-    V = problem._layout.spaces[body]
     mesh = V.mesh
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     return np.asarray(mesh.topology.original_cell_index[:owned]), V.dofmap.list[:owned]
 
 
+def _num_local(V: fem.FunctionSpace) -> int:
+    return V.dofmap.index_map.size_local + V.dofmap.index_map.num_ghosts
+
+
+def _forward(V: fem.FunctionSpace, values: npt.NDArray) -> npt.NDArray[np.float64]:
+    """Copy rows of owned blocks to their ghosts, shape (n, columns). Collective."""
+    columns = values.shape[1]
+    vector = la.vector(V.dofmap.index_map, columns, dtype=np.float64)
+    vector.array[:] = values.ravel()
+    vector.scatter_forward()
+    return vector.array.reshape(-1, columns).copy()
+
+
+def _complete(V: fem.FunctionSpace, values: npt.NDArray) -> npt.NDArray[np.float64]:
+    """Fill rows that are NaN (on any rank) with the values other ranks have. Collective."""
+    columns, owned = values.shape[1], V.dofmap.index_map.size_local
+    known = ~np.isnan(values).any(axis=1)
+    vector = la.vector(V.dofmap.index_map, columns + 1, dtype=np.float64)
+    array = vector.array.reshape(-1, columns + 1)
+    array[:, :columns] = np.where(known[:, None], values, 0.0)
+    array[:, columns] = known
+    vector.scatter_reverse(la.InsertMode.add)
+    array = vector.array.reshape(-1, columns + 1)
+    # Ranks agree on the values of a node; do not let an average round
+    mean = array[:owned, :columns] / np.maximum(array[:owned, columns:], 1.0)
+    out = np.zeros_like(values)
+    out[:owned] = np.where(known[:owned, None], values[:owned], mean)
+    return _forward(V, out)
+
+
 def _occurrences(i: Interface) -> npt.NDArray[np.int64]:
     """How many owned slave nodes of an interface come before each at its displacement node."""
-    blocks = i._surface_slave.local_blocks[: i.num_owned]
+    slave = i.data.slave
+    blocks = slave.local_blocks[: slave.num_owned]
     order = np.argsort(blocks, kind="stable")
     _, first, group = np.unique(blocks[order], return_index=True, return_inverse=True)
     count = np.empty(len(blocks), dtype=np.int64)
@@ -45,23 +77,29 @@ def _occurrences(i: Interface) -> npt.NDArray[np.int64]:
     return count
 
 
-def _most_occurrences(i: Interface) -> int:
-    """Largest number of slave nodes at one displacement node. Collective."""
+def most_occurrences(i: Interface) -> int:
+    """Largest number of slave nodes of an interface at one displacement node. Collective."""
     most = int(np.max(_occurrences(i), initial=0)) + 1
-    return i._layout.comm.allreduce(most, op=MPI.MAX)
+    return i.comm.allreduce(most, op=MPI.MAX)
 
 
-def _slave_values(problem: ContactProblem, i: Interface) -> npt.NDArray[np.float64]:
+def _slave_values(i: Interface, state: cpp.State, k: int) -> npt.NDArray[np.float64]:
     """What is stored of the owned slave nodes of an interface, shape (num_owned, 11)."""
-    coupling = problem._coupling
-    values = np.zeros((i.num_owned, _WIDTH))
-    values[:, :3] = problem._z[coupling.multipliers.slice(i)].reshape(-1, 3)
-    if i in coupling.contacts and problem._started:
-        values[:, 3:6] = i._total_slip
-        values[:, 6] = i._data.carries[: i.num_owned]
-        values[:, 7] = i._status
-        values[:, 8], values[:, 9], values[:, 10] = i._c_n, i._c_t, i._scale
+    n, s = i.data.slave.num_owned, state.interfaces[k]
+    values = np.zeros((n, _WIDTH))
+    values[:, :3] = _multipliers(i, state.z)
+    if isinstance(i, Contact) and state.started:
+        values[:, 3:6] = s.slip
+        values[:, 6] = s.basis.has_multiplier[:n]
+        values[:, 7] = s.status
+        values[:, 8], values[:, 9], values[:, 10] = s.c_n, s.c_t, s.scale
     return values
+
+
+def _multipliers(i: Interface, z: npt.NDArray) -> npt.NDArray[np.float64]:
+    """Part of an interface in an array of multipliers, shape (num_owned, 3); a view."""
+    first = i.first_node
+    return z.reshape(-1, 3)[first : first + i.data.slave.num_owned]
 
 
 def _slots(problem: ContactProblem, i: Interface, body: int):
@@ -70,41 +108,40 @@ def _slots(problem: ContactProblem, i: Interface, body: int):
     Returns:
         Flags of the nodes on the body; for these displacement nodes and occurrences.
     """
-    layout = problem._layout
-    local = i._surface_slave.local_blocks[: i.num_owned] - layout.local_start(body)
+    layout, slave = problem.coupling.layout, i.data.slave
+    local = slave.local_blocks[: slave.num_owned] - layout.local_start(body)
     mine = (local >= 0) & (local < layout.num_owned[body])
     return mine, local[mine], _occurrences(i)[mine]
 
 
-def _columns(problem: ContactProblem, body: int) -> npt.NDArray[np.float64]:
+def _columns(problem: ContactProblem, state: cpp.State, body: int) -> npt.NDArray[np.float64]:
     """What is stored at the local nodes of a body, shape (n, columns). Collective.
 
     Columns: displacement, and for each interface as often as it has slave nodes at one
     displacement node those of :data:`_WIDTH`.
     """
-    layout = problem._layout
-    n = layout.num_local[body]
-    columns = [problem._functions[body].x.array.reshape(-1, 3)[:n]]
-    for i in problem._coupling.interfaces:
-        values = np.zeros((n, _most_occurrences(i), _WIDTH))
+    V, layout = problem.spaces[body], problem.coupling.layout
+    n, start = _num_local(V), layout.owned_start(body)
+    u = np.zeros((n, 3))
+    u[: layout.num_owned[body]] = state.u.reshape(-1, 3)[start : start + layout.num_owned[body]]
+    columns = [_forward(V, u)]
+    for k, i in enumerate(problem.interfaces):
+        values = np.zeros((n, most_occurrences(i), _WIDTH))
         mine, nodes, occurrence = _slots(problem, i, body)
-        values[nodes, occurrence] = _slave_values(problem, i)[mine]
-        columns.append(layout.forward(body, values.reshape(n, -1)))
+        values[nodes, occurrence] = _slave_values(i, state, k)[mine]
+        columns.append(_forward(V, values.reshape(n, -1)))
     return np.hstack(columns)
 
 
 def _describe(problem: ContactProblem) -> dict:
     """What must be the same in the file and in the problem. Collective."""
-    layout = problem._layout
     bodies = []
-    for b, V in enumerate(layout.spaces):
-        tdim = V.mesh.topology.dim
-        cells = V.mesh.topology.index_map(tdim).size_global
-        x = V.tabulate_dof_coordinates()[: layout.num_owned[b]]
-        moments = layout.comm.allreduce(np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)]))
+    for V in problem.spaces:
+        x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+        moments = problem.comm.allreduce(np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)]))
         bodies.append(
             {
-                "cells": int(cells),
+                "cells": int(V.mesh.topology.index_map(V.mesh.topology.dim).size_global),
                 "dofs_per_cell": int(V.dofmap.list.shape[1]),
                 "blocks": int(V.dofmap.index_map.size_global),
                 "moments": [float(m) for m in moments],
@@ -114,28 +151,30 @@ def _describe(problem: ContactProblem) -> dict:
         [
             type(i).__name__,
             i.multiplier_space,
-            int(i._surface_slave.num_global),
-            _most_occurrences(i),
+            int(i.data.slave.num_global),
+            most_occurrences(i),
         ]
-        for i in problem._coupling.interfaces
+        for i in problem.interfaces
     ]
     return {"bodies": bodies, "interfaces": kinds}
 
 
 def save(problem: ContactProblem, path: str | Path) -> None:
     """See :meth:`ContactProblem.save`."""
-    comm, description = problem.comm, _describe(problem)
+    comm, description, state = problem.comm, _describe(problem), problem.state
+    if not comm.allreduce(len(state.u) > 0 or problem.coupling.layout.size == 0, op=MPI.LAND):
+        state.u = problem._cpp_object.displacements()
     blocks, finite = [], True
-    for b, body in enumerate(description["bodies"]):
-        values = _columns(problem, b)
-        cells, dofs = _cells(problem, b)
+    for b, (V, body) in enumerate(zip(problem.spaces, description["bodies"], strict=True)):
+        values = _columns(problem, state, b)
+        cells, dofs = _cells(V)
         finite = finite and bool(np.all(np.isfinite(values)))
         blocks.append(state_file.Block(cells, body["cells"], values[dofs].reshape(len(cells), -1)))
     if not comm.allreduce(finite, op=MPI.LAND):
         raise RuntimeError(
             f"The state is not written to {path}: displacements or multipliers are not finite."
         )
-    description["started"] = problem._started
+    description["started"] = state.started
     state_file.write(comm, Path(path), description, blocks)
 
 
@@ -160,59 +199,47 @@ def _compare(header: dict, expected: dict, path: Path) -> str:
     return ""
 
 
-def load(problem: ContactProblem, path: str | Path) -> None:
-    """See :meth:`ContactProblem.load`."""
+def load(problem: ContactProblem, path: str | Path) -> cpp.State:
+    """The state that a file holds. Collective.
+
+    Raises:
+        RuntimeError: See :meth:`ContactProblem.load`.
+    """
     path, comm = Path(path), problem.comm
     header = state_file.read_description(comm, path)
     message = _compare(header["description"], _describe(problem), path)
     if message:
         raise RuntimeError(message)
-    parts = [_cells(problem, b) for b in range(len(problem._functions))]
+    parts = [_cells(V) for V in problem.spaces]
     records = state_file.read(comm, path, header, [cells for cells, _ in parts])
     values = []
-    for b, ((_, dofs), record) in enumerate(zip(parts, records)):
+    for V, (_, dofs), record in zip(problem.spaces, parts, records, strict=True):
         width = record.shape[1] // dofs.shape[1]
-        nodal = np.full((problem._layout.num_local[b], width), np.nan)
+        nodal = np.full((_num_local(V), width), np.nan)
         nodal[dofs.ravel()] = record.reshape(-1, width)
-        values.append(problem._layout.complete(b, nodal))
-    before = problem._state()
-    try:
-        _set(problem, values, bool(header["description"]["started"]))
-    except Exception:
-        problem._restore(before)
-        raise
+        values.append(_complete(V, nodal))
+    return _state(problem, values, bool(header["description"]["started"]))
 
 
-def _set(problem: ContactProblem, values: list[npt.NDArray], started: bool) -> None:
-    """Give a problem the state that was stored. Collective."""
-    layout, coupling = problem._layout, problem._coupling
-    for b, f in enumerate(problem._functions):
-        f.x.array.reshape(-1, 3)[: layout.num_local[b]] = values[b][:, :3]
-        f.x.scatter_forward()
-    start = 3
-    for i in coupling.interfaces:
-        width = _WIDTH * _most_occurrences(i)
-        nodal = np.zeros((i.num_owned, _WIDTH))
-        for b in range(len(problem._functions)):
+def _state(problem: ContactProblem, values: list[npt.NDArray], started: bool) -> cpp.State:
+    """The state that was stored, from values at the local nodes of each body."""
+    state, layout = problem.state, problem.coupling.layout
+    owned = [v[:n] for v, n in zip(values, layout.num_owned, strict=True)]
+    state.u = np.concatenate([v[:, :3].ravel() for v in owned])
+    z, start, interfaces = np.zeros(problem.coupling.size), 3, state.interfaces
+    for k, i in enumerate(problem.interfaces):
+        width = _WIDTH * most_occurrences(i)
+        nodal = np.zeros((i.data.slave.num_owned, _WIDTH))
+        for b in range(len(problem.spaces)):
             mine, nodes, occurrence = _slots(problem, i, b)
             stored = values[b][:, start : start + width].reshape(len(values[b]), -1, _WIDTH)
             nodal[mine] = stored[nodes, occurrence]
         start += width
-        problem._z[coupling.multipliers.slice(i)] = nodal[:, :3].ravel()
-        if i in coupling.contacts:
-            _set_contact(i, nodal)
-    problem._started = started
-    if started:
-        coupling.resume(
-            layout.all_local(problem._functions), layout.gather(problem._functions), problem._z
-        )
-
-
-def _set_contact(c: Interface, nodal: npt.NDArray[np.float64]) -> None:
-    """Give a contact the values of :func:`_slave_values`. Collective."""
-    c._total_slip = nodal[:, 3:6].copy()
-    carries = np.zeros(c.num_nodes, dtype=np.int8)
-    carries[: c.num_owned] = nodal[:, 6] > 0.5
-    cpp.scatter_forward(c._surface_slave, carries)
-    c._data.carries = carries
-    c._c_n, c._c_t, c._scale = (nodal[:, k].copy() for k in (8, 9, 10))
+        _multipliers(i, z)[:] = nodal[:, :3]
+        if isinstance(i, Contact):
+            s = interfaces[k]
+            s.slip = np.ascontiguousarray(nodal[:, 3:6])
+            s.status = nodal[:, 7].round().astype(np.int8)
+            s.c_n, s.c_t, s.scale = (np.ascontiguousarray(nodal[:, c]) for c in (8, 9, 10))
+    state.z, state.started, state.interfaces = z, started, interfaces
+    return state

@@ -1,22 +1,14 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Forms of the bodies: what they must be, and what they are assembled into."""
+"""Forms of the bodies: what they must be."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from petsc4py import PETSc
-
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from dolfinx.common import Timer
-
-from . import compat, memory, sparse
-from .layout import Layout
 
 #: Of forms with 0, 1 and 2 arguments
 _KINDS = ("a number, as an energy is", "linear", "bilinear")
@@ -131,54 +123,3 @@ def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list
     return [
         ufl.derivative(f, u, ufl.TrialFunction(u.function_space)) for f, u in zip(forms, functions)
     ]
-
-
-class BodyForms:
-    """Residuals and tangents of the bodies, without what happens between them.
-
-    Args:
-        layout: Displacement dofs.
-        residuals, tangents: Forms of each body, by :func:`check`.
-        options: Passed on to ``fem.form``.
-    """
-
-    def __init__(
-        self, layout: Layout, residuals: Sequence, tangents: Sequence, options: dict[str, Any]
-    ):
-        self._layout = layout
-        self._residuals = [fem.form(f, **options) for f in residuals]
-        self._tangents = [fem.form(f, **options) for f in tangents]
-        self._matrices = [compat.create_matrix(f) for f in self._tangents]
-        memory.keep(self, layout.comm, self._matrices)
-
-    def destroy(self) -> None:
-        """Free the tangents. Collective."""
-        sparse.destroy(*self._matrices)
-
-    def residual(self) -> npt.NDArray[np.float64]:
-        """Residual forces of the owned dofs at the present displacement, shape (size_u,)."""
-        parts = []
-        for form, blocks in zip(self._residuals, self._layout.num_owned):
-            vector = fem.assemble_vector(form)
-            vector.scatter_reverse(compat.INSERT_ADD)
-            parts.append(vector.array[: 3 * blocks])
-        return np.concatenate(parts)
-
-    def tangent(self) -> PETSc.Mat:
-        """Tangent at the present displacement; the caller destroys it. Collective.
-
-        With one body its values change with the next call.
-        """
-        with Timer("~mortar: assemble"):
-            for A, form in zip(self._matrices, self._tangents):
-                compat.assemble_matrix(A, form)
-        if len(self._matrices) == 1:
-            return sparse.share(self._matrices[0])
-        rows = [
-            [A if i == j else None for j in range(len(self._matrices))]
-            for i, A in enumerate(self._matrices)
-        ]
-        nest = PETSc.Mat().createNest(rows, comm=self._layout.comm)
-        K = nest.convert("aij", PETSc.Mat())
-        nest.destroy()
-        return K

@@ -1,28 +1,23 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Interfaces between bodies: mesh tying and contact."""
+"""Interfaces between bodies: what a user says of them, and where their results are."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from dolfinx.common import Timer
 from dolfinx.mesh import MeshTags
 
-from . import agreement, arguments, cpp, memory, parts, sparse
-from .coverage import MIN_COVERAGE
-from .fields import Fields, spread
+from . import agreement, arguments, cpp, memory, parts
+from .fields import Fields
 
 if TYPE_CHECKING:
-    from .layout import Layout
-    from .multipliers import Multipliers
     from .problem import ContactProblem
 
 _SPACES = {
@@ -35,24 +30,31 @@ _INTEGRATIONS = {
     "element": cpp.Integration.element,
 }
 
-
 #: Largest degree of quadrature: 256 points on each triangle, far beyond what any facet needs
 MAX_DEGREE = 30
+
+#: Share of its surroundings that must be covered for a slave node to carry a multiplier, by
+#: default. A block that slides with friction over a coarser slave loses no step with 0.15 and 0.2
+#: and fails with 0.02, where nodes at its edges carry five times the pressure of the others; with
+#: 0.3 one node is left under it at times.
+MIN_COVERAGE = 0.15
 
 
 class Interface:
     """What tying and contact have in common; see :class:`Tie` and :class:`Contact`.
 
+    An interface is a description. It can be a part of one :class:`ContactProblem`, and shows that
+    problem's results.
+
     Attributes:
         slave: Parts of the slave surface.
         master: Parts of the master surface.
+        comm: Communicator of the meshes.
+        problem: The problem it is a part of, or None.
     """
 
     #: Names of the fields, with their numbers of values at a node
-    _columns = {"multiplier": 3, "traction": 3}
-
-    #: Slave facets that no master is near of are left out
-    _leave_distant = False
+    columns: ClassVar[Mapping[str, int]] = {"multiplier": 3, "traction": 3}
 
     def __init__(
         self,
@@ -73,17 +75,9 @@ class Interface:
         with agreement.alike(parts.communicator(V, slave, master)) as same:
             self.slave = parts.read(V, facet_tags, 0, slave, "slave")
             self.master = parts.read(V, facet_tags, 1, master, "master")
-            for a in self.slave:
-                for b in self.master:
-                    if a.tag == b.tag and a.tags is b.tags:
-                        raise ValueError(
-                            f"Slave and master are the same surface (facet tag {a.tag}): give the "
-                            "two sides of the interface different tags."
-                        )
-            self._space = _SPACES[arguments.choice("multiplier", multiplier, _SPACES)]
-            self._integration = _INTEGRATIONS[
-                arguments.choice("integration", integration, _INTEGRATIONS)
-            ]
+            parts.check_sides(self.slave, self.master)
+            space = _SPACES[arguments.choice("multiplier", multiplier, _SPACES)]
+            rule = _INTEGRATIONS[arguments.choice("integration", integration, _INTEGRATIONS)]
             if quadrature_degree is not None:
                 arguments.whole("quadrature_degree", quadrature_degree, 1, MAX_DEGREE)
             arguments.positive("search_distance", search_distance, "a length")
@@ -99,209 +93,115 @@ class Interface:
             same["quadrature_degree"] = quadrature_degree
             same["search_distance"] = search_distance
             same["max_angle"], same["min_coverage"] = max_angle, min_coverage
-        self._comm = self.slave[0].V.mesh.comm
+        self.comm = self.slave[0].V.mesh.comm
+        self.problem: ContactProblem | None = None
         self._multiplier_space = multiplier
-        self._degree = quadrature_degree
-        self._max_angle, self._min_coverage = max_angle, min_coverage
-        #: A warning of what is left out has been given
-        self._warned = False
-        self._search_distance = search_distance
-        self._problem: ContactProblem | None = None
-        #: Reference positions of local nodes where they differ from the mesh's (relocated ties)
-        self._integration_positions: tuple[Any, Any] | None = None
+        self._min_coverage = min_coverage
+        self._options = cpp.IntegrationOptions(
+            space, rule, quadrature_degree, max_angle, distance=search_distance
+        )
 
     @property
     def multiplier_space(self) -> str:
         """The multiplier space that was chosen."""
         return self._multiplier_space
 
-    # -- Set-up, called by the problem --------------------------------------
+    @property
+    def min_coverage(self) -> float:
+        """Share of its surroundings that must be covered for a node to carry a multiplier."""
+        return self._min_coverage
 
     @property
     def is_dual(self) -> bool:
         """Multipliers are dual, and can be condensed."""
         return self.multiplier_space != "standard"
 
-    def _create_surfaces(self, layout: Layout) -> None:
-        self._layout = layout
-        self._surface_slave = self._surface(self.slave, "slave")
-        self._surface_master = self._surface(self.master, "master")
-        self.num_nodes = self._surface_slave.num_nodes
-        self.num_owned = self._surface_slave.num_owned
+    # -- For the problem ------------------------------------------------------
 
-    def _surface(self, pieces: list[parts.Part], side: str) -> cpp.Surface:
-        bodies = [self._layout.body(p.V) for p in pieces]
-        return cpp.create_surface(
-            [p.V._cpp_object for p in pieces],
-            [p.tags._cpp_object for p in pieces],
-            [p.tag for p in pieces],
-            side,
-            [self._layout.blocks[b] for b in bodies],
-            [self._layout.local_start(b) for b in bodies],
+    def describe(self) -> cpp.InterfaceOptions:
+        """The interface as the C++ library takes it."""
+        return cpp.InterfaceOptions(
+            *[
+                [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in side]
+                for side in (self.slave, self.master)
+            ],
+            self._options,
+            self._min_coverage,
         )
 
-    def _create_data(
-        self,
-        multipliers: npt.NDArray[np.int64],
-        carries: npt.NDArray[np.int8],
-        fixed: npt.NDArray[np.int8],
-    ) -> None:
-        """Make the interface's data; arrays are over local slave nodes, ghosts up to date."""
-        self._multipliers = multipliers
-        self._fixed = fixed
-        #: Nodes that may carry a multiplier, before any is dropped for want of a master
-        self._candidates = carries.copy()
-        self._data = cpp.Interface(
-            self._surface_slave,
-            self._surface_master,
-            self._space,
-            self._integration,
-            self._degree,
-            self._search_distance,
-            multipliers,
-            carries,
-            fixed,
-            self._leave_distant,
-            self._max_angle,
-        )
-        self._update_weights()
-
-    def _update_weights(self) -> None:
-        #: Area that belongs to each local slave node [length²]
-        self._weights = np.asarray(cpp.nodal_weights(self._data, self._surface_slave.X))
-
-    def _set_positive(self, positive: npt.NDArray[np.int8]) -> None:
-        """Choose at which local slave nodes the basis is to be positive. Collective."""
-        self._data.positive = positive
-        self._update_weights()
-
-    def _check_orphans(self, nodal: dict) -> None:
-        comm = self._layout.comm
-        orphans = comm.allgather((nodal["num_orphans"], nodal["orphan"]))
-        for number, x in orphans:
-            if number > 0:
-                raise RuntimeError(
-                    f"Slave facet at ({x[0]:.6g}, {x[1]:.6g}, {x[2]:.6g}) has no node that can "
-                    "carry a multiplier: all its nodes belong to other interfaces or to Dirichlet "
-                    "boundaries. Refine the slave surface there, or swap slave and master."
-                )
-
-    def _check_met(self, nodal: dict) -> None:
-        comm = self._layout.comm
-        if comm.allreduce(int(nodal["num_covered"])) > 0:
-            return
-        boxes = []
-        for surface in (self._surface_slave, self._surface_master):
-            X = surface.X[: surface.num_owned]
-            low = np.empty(3)
-            high = np.empty(3)
-            comm.Allreduce(X.min(axis=0, initial=np.inf), low, op=MPI.MIN)
-            comm.Allreduce(X.max(axis=0, initial=-np.inf), high, op=MPI.MAX)
-            boxes.append(
-                f"{np.array2string(low, precision=4)} to {np.array2string(high, precision=4)}"
-            )
-        raise RuntimeError(
-            f"No slave facet meets a master facet: slave {self.slave[0].tag} spans {boxes[0]}, "
-            f"master {self.master[0].tag} {boxes[1]}. Check the tags, that the surfaces face each "
-            "other, and search_distance."
-        )
-
-    def _drop_uncovered(self, nodal: dict) -> bool:
-        """Let only nodes carry a multiplier that a master covers enough.
-
-        Returns:
-            True where that changes the set of multipliers on any rank. Collective.
-        """
-        covered = nodal["coverage"] > self._min_coverage * self._weights
-        carries = (self._candidates.astype(bool) & covered).astype(np.int8)
-        self._drop_repeated(nodal, carries)
-        changed = bool(np.any(carries != self._data.carries))
-        changed = self._layout.comm.allreduce(changed, op=MPI.LOR)
-        if changed:
-            self._data.carries = carries
-        return changed
-
-    def _drop_repeated(self, nodal: dict, carries: npt.NDArray[np.int8]) -> None:
-        """Let no two nodes at one place carry the same condition. Collective.
+    def attach(self, problem: ContactProblem, index: int) -> None:
+        """Become a part of a problem. Collective.
 
         Args:
-            nodal: Nodal integrals.
-            carries: Flags of local nodes, changed in place.
+            problem: Problem.
+            index: Number of this interface in it.
         """
+        self.problem, self._index = problem, index
+        bodies = sorted({problem.body(p.V) for p in self.slave})
+        spaces = [problem.spaces[b] for b in bodies]
+        self._fields = Fields(spaces, bodies, problem.coupling.layout, self.columns)
 
-    def _positions(self, u_all: npt.NDArray[np.float64] | None) -> tuple[Any, Any]:
-        if u_all is None and self._integration_positions is not None:
-            return self._integration_positions
-        if u_all is None:
-            return self._surface_slave.X, self._surface_master.X
-        return (
-            cpp.current_positions(self._surface_slave, u_all),
-            cpp.current_positions(self._surface_master, u_all),
-        )
+    def update_fields(self) -> None:
+        """Let the fields show the last accepted state. Collective."""
+        self._fields.update(self._cpp.results(self._index))
 
-    def _configure(self, u_all: npt.NDArray[np.float64] | None) -> cpp.Configuration:
-        """Positions, normals and candidates for ``u_all`` (None: reference). Collective."""
-        with Timer("~mortar: search"):
-            return cpp.configure(self._data, *self._positions(u_all))
-
-    # -- Nodal values and fields --------------------------------------------
-
-    @property
-    def num_multiplier_nodes(self) -> int:
-        """Number of slave nodes, on all ranks, that carry a multiplier. Collective."""
-        comm = self._owner().comm
-        return comm.allreduce(int(np.sum(self._data.carries[: self.num_owned] != 0)))
-
-    def _z(self) -> npt.NDArray[np.float64]:
-        """Multipliers at the local slave nodes, shape (n, 3). Collective."""
-        problem = self._owner()
-        return problem._coupling.multipliers.local(problem._z, self)
+    # -- What follows from the state -------------------------------------------
 
     def _owner(self) -> ContactProblem:
-        if self._problem is None:
+        if self.problem is None:
             raise RuntimeError(
                 "The interface is not part of a ContactProblem yet: name it in "
                 "ContactProblem(..., interfaces=[...]) first."
             )
-        self._problem._check_alive()
-        return self._problem
+        return self.problem
 
-    def _create_fields(self) -> None:
-        bodies = sorted({self._layout.body(p.V) for p in self.slave})
-        self._fields = Fields(self._layout, self._surface_slave, bodies, self._columns)
+    @property
+    def _cpp(self) -> cpp.ContactProblem:
+        return self._owner()._cpp_object
+
+    @property
+    def data(self) -> cpp.Interface:
+        """Surfaces and options, as the C++ library has them."""
+        return self._owner().coupling.interfaces[self._index].data
+
+    @property
+    def first_node(self) -> int:
+        """First multiplier node of this rank in the vectors of the problem."""
+        return self._owner().coupling.interfaces[self._index].first_node
+
+    @property
+    def state(self) -> cpp.InterfaceState:
+        """What the interface remembers between solves; a copy."""
+        return self._cpp.state.interfaces[self._index]
+
+    @property
+    def evaluation(self) -> cpp.InterfaceEvaluation:
+        """Gaps, motions, geometry and nodal integrals of the last accepted state; a view.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        evaluation = self._cpp.evaluation
+        if evaluation is None:
+            raise RuntimeError(
+                "There is no solution yet: call solve() of the ContactProblem first."
+            )
+        return evaluation.interfaces[self._index]
+
+    @property
+    def weights(self) -> npt.NDArray[np.float64]:
+        """Area that belongs to each local slave node [length²]."""
+        return np.array(self._cpp.step.weights[self._index])
+
+    @property
+    def num_multiplier_nodes(self) -> int:
+        """Number of slave nodes, on all ranks, that carry a multiplier. Collective."""
+        return self._cpp.num_multiplier_nodes(self._index)
 
     def _field(self, name: str) -> Any:
-        if self._problem is None:
+        if self.problem is None:
             self._owner()
         return self._fields[name]
-
-    def _set_field(
-        self,
-        name: str,
-        values: npt.NDArray[np.float64],
-        how: str,
-        measure: npt.NDArray[np.float64] | None = None,
-    ) -> None:
-        """Set a field from values of nodes that carry a multiplier. Collective.
-
-        Args:
-            name: Name of the field.
-            values: Values of the local slave nodes, shape (n, columns).
-            how: See :func:`dolfinx_mortar.fields.combine`.
-            measure: See :func:`dolfinx_mortar.fields.combine`.
-        """
-        values = spread(self._surface_slave, self._data.carries.astype(bool), values)
-        self._fields.set(name, values[: self.num_owned], how, measure)
-
-    def _update_fields(self) -> None:
-        """Let the fields show the present state. Collective."""
-        z = self._z()
-        self._set_field("multiplier", z, "mean", self._shares())
-        self._set_field("traction", -z, "mean", self._shares())
-
-    def _shares(self) -> npt.NDArray[np.float64]:
-        """Area that counts for the multiplier of each owned slave node."""
-        return np.maximum(self._nodal["weight"][: self.num_owned], 0.0)
 
     @property
     def multiplier(self) -> fem.Function:
@@ -323,49 +223,29 @@ class Interface:
 
     # Each access makes a new matrix, which is the caller's
 
-    def _multipliers_of_owner(self) -> Multipliers:
-        coupling = self._owner()._coupling
-        memory.free_forgotten(coupling.comm)  # as earlier matrices
-        return coupling.multipliers
-
-    def _matrix(self, name: str) -> PETSc.Mat:
-        """D or M. Collective."""
-        A = self._multipliers_of_owner().z_by_u()
-        cpp.integrate(self._data, self._configure(self._current()), **{name: A})
-        A.assemble()
-        return A
-
-    def _current(self) -> npt.NDArray[np.float64] | None:
-        """Displacements that the matrices belong to; None for the reference configuration."""
-        return None
+    def _maker(self) -> cpp.ContactProblem:
+        memory.free_forgotten(self._owner().comm)  # as earlier matrices
+        return self._cpp
 
     @property
     def D(self) -> PETSc.Mat:
         """D_jk = ∫ Φ_j N_k (equation 3.5): multiplier dofs by displacement dofs. Collective."""
-        return self._matrix("D")
+        return self._maker().mortar_matrix(self._index, "D")
 
     @property
     def M(self) -> PETSc.Mat:
         """M_jl = ∫ Φ_j N_l∘P (equation 3.6): multiplier dofs by displacement dofs. Collective."""
-        return self._matrix("M")
+        return self._maker().mortar_matrix(self._index, "M")
 
     @property
     def T(self) -> PETSc.Mat:
         """Basis transformation (equations 4.5, 4.13): displacement by displacement dofs."""
-        return self._multipliers_of_owner().transformation([self], inverse=False)
-
-    def _inverse(self) -> PETSc.Mat:
-        if self.multiplier_space != "dual":
-            raise RuntimeError(
-                "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and constraints are "
-                f"not available with {self.multiplier_space!r}."
-            )
-        return self._multipliers_of_owner().inverse(self)
+        return self._maker().transformation(self._index, False)
 
     @property
     def T_inverse(self) -> PETSc.Mat:
         """Exact inverse of T (equations 4.6, 4.14)."""
-        return self._multipliers_of_owner().transformation([self], inverse=True)
+        return self._maker().transformation(self._index, True)
 
     @property
     def D_inverse(self) -> PETSc.Mat:
@@ -374,7 +254,7 @@ class Interface:
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        return self._inverse()
+        return self._maker().inverse(self._index)
 
     @property
     def P(self) -> PETSc.Mat:
@@ -383,9 +263,10 @@ class Interface:
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        inverse, M = self._inverse(), self.M
+        inverse, M = self.D_inverse, self.M
         P = inverse.matMult(M)
-        sparse.destroy(inverse, M)
+        inverse.destroy()
+        M.destroy()
         return P
 
 
@@ -418,6 +299,16 @@ class Tie(Interface):
     are first moved onto the master with :func:`dolfinx_mortar.relocate`.
     """
 
+    #: Positions of local slave and master nodes to integrate at, where a relocation has moved them
+    positions: tuple[npt.NDArray, npt.NDArray] | None = None
+
+    def describe(self) -> cpp.InterfaceOptions:
+        """See :meth:`Interface.describe`."""
+        options = super().describe()
+        if self.positions is not None:
+            options.set_positions(*self.positions)
+        return options
+
     def constraints(self) -> list[tuple[int, npt.NDArray[np.int64], npt.NDArray[np.float64]]]:
         """The tie as master–slave constraints u_slave = Σ c_k u_k. Collective.
 
@@ -430,6 +321,14 @@ class Tie(Interface):
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        multipliers, B = self._multipliers_of_owner(), self._owner()._coupling.B_ties
-        assert B is not None
-        return multipliers.constraints(self, B[1])
+        C, surface = self._maker().constraint_matrix(self._index), self.data.slave
+        n = surface.num_owned
+        tied = (self.state.basis.has_multiplier[:n, None] != 0) & (self.data.fixed[:n] == 0)
+        dofs = (3 * surface.blocks[:n, None] + np.arange(3))[tied]
+        out = []
+        for dof in np.sort(dofs):
+            columns, values = C.getRow(dof)
+            used = np.abs(values) > 1e-14 * np.max(np.abs(values), initial=0.0)
+            out.append((int(dof), columns[used].astype(np.int64), values[used]))
+        C.destroy()
+        return out

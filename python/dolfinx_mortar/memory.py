@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import weakref
 from collections.abc import Sequence
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -22,7 +22,7 @@ _T = TypeVar("_T", bound="Destroyable")
 _communicators: list[MPI.Comm] = []
 _counter = itertools.count()
 #: Owner, and its PETSc objects, by communicator and number
-_kept: dict[int, dict[int, tuple[weakref.ref, list[PETSc.Object]]]] = {}
+_kept: dict[int, dict[int, tuple[weakref.ref, list[Any]]]] = {}
 
 
 def communicator(comm: MPI.Comm) -> MPI.Comm:
@@ -34,7 +34,7 @@ def communicator(comm: MPI.Comm) -> MPI.Comm:
     return _communicators[-1]
 
 
-def keep(owner: object, comm: MPI.Comm, objects: Sequence[PETSc.Object]) -> None:
+def keep(owner: object, comm: MPI.Comm, objects: Sequence[Any]) -> None:
     """Keep PETSc objects until all ranks have forgotten their owner. Collective.
 
     Args:
@@ -62,6 +62,21 @@ def free_forgotten(comm: MPI.Comm, others: Sequence[MPI.Comm] = ()) -> None:
     if comm.size > 1:  # one rank alone frees at once what it forgets
         for c in (comm, *others):
             PETSc.garbage_cleanup(c)
+
+
+class Handle:
+    """Holds an object until it is destroyed.
+
+    Attributes:
+        object: The object, or None.
+    """
+
+    def __init__(self, obj):
+        self.object = obj
+
+    def destroy(self) -> None:
+        """Give up the object."""
+        self.object = None
 
 
 class Destroyable:

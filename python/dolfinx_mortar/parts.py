@@ -71,6 +71,21 @@ def read(V: Any, facet_tags: Any, side: int, which: Any, name: str) -> list[Part
     return [_check_part(Part(V, facet_tags, which), name)]
 
 
+def check_sides(slave: list[Part], master: list[Part]) -> None:
+    """Refuse a surface that is on both sides.
+
+    Raises:
+        ValueError: It is.
+    """
+    for a in slave:
+        for b in master:
+            if a.tag == b.tag and a.tags is b.tags:
+                raise ValueError(
+                    f"Slave and master are the same surface (facet tag {a.tag}): give the two "
+                    "sides of the interface different tags."
+                )
+
+
 def _check_part(part: Part, name: str) -> Part:
     V, tags, tag = part
     if not isinstance(V, fem.FunctionSpace):

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import warnings
+import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,28 +14,17 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-import numpy as np
-import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
-from . import agreement, arguments, bodies, checkpoint, checks, diagnosis, interrupts, newton, steps
+from . import agreement, arguments, checkpoint, cpp, forms, interrupts, memory
 from .arguments import as_list
 from .contact import Contact
-from .coupling import Coupling
-from .diagnosis import SMALLER
 from .errors import ConvergenceError
-from .first_contact import initial_status
-from .forms import BodyForms, check_functions
 from .interfaces import Interface
-from .layout import Layout
-from .linearisation import NewtonSystem, linearise
-from .memory import Destroyable, free_forgotten
-from .petsc_options import PetscOptions
-from .support import Balance, check_support
 
 
-class ContactProblem(Destroyable):
+class ContactProblem(memory.Destroyable):
     """Find u (and λ) such that F(u; v) + ∫ λ·(v⁽¹⁾ - v⁽²⁾∘P) = 0 under the interfaces' conditions.
 
     Shaped like DOLFINx's ``NonlinearProblem``: any UFL form of a displacement, one SNES. The
@@ -59,7 +51,7 @@ class ContactProblem(Destroyable):
             ranks alike.
 
     Attributes:
-        snes: The PETSc SNES.
+        spaces: Displacement space of each body.
         history: Of the last solve, one dictionary per Newton iteration: ``force`` (norm of the
             residual force relative to the forces at work), ``constraint``, ``active``, ``stick``,
             ``slip``, ``changes`` (nodes that changed state), ``step`` (length of the step taken).
@@ -80,183 +72,86 @@ class ContactProblem(Destroyable):
         jit_options: dict | None = None,
     ):
         self._functions = as_list(u)
-        check_functions(self._functions)
-        self.comm = agreement.common([f.function_space.mesh.comm for f in self._functions])
-        with agreement.alike(self.comm) as same:
-            F, J = checks.check_forms(F, J, self._functions, same)
-            self.bcs = checks.check_conditions(bcs, same)
-            self._interfaces = checks.check_interfaces(interfaces, same)
-            condense = checks.choose_condensation(condense, self._interfaces, same)
-            self._options = PetscOptions(petsc_options_prefix, petsc_options)
-            same["petsc_options"] = self._options.effective()
+        forms.check_functions(self._functions)
+        comm = agreement.common([f.function_space.mesh.comm for f in self._functions])
+        with agreement.alike(comm) as same:
+            F, J = _check_forms(F, J, self._functions, same)
+            self.bcs = _check_conditions(bcs, same)
+            self._interfaces = _check_interfaces(interfaces, same)
+            same["condense"] = condense
+            options = _petsc_options(petsc_options_prefix, petsc_options)
+            same["petsc_options"] = sorted(
+                cpp.effective_options(petsc_options_prefix, options).items()
+            )
         self.u = u
-        self._layout = Layout([f.function_space for f in self._functions])
-        self.comm = self._layout.comm  # that of all our matrices and vectors
-        options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
-        options = {k: v for k, v in options.items() if v is not None}
-        self._forms = BodyForms(self._layout, F, J, options)
-        self._coupling = Coupling(self._layout, self._interfaces, self.bcs)
-        self._size, self._cell_size = bodies.extent(self._layout), bodies.cell_size(self._layout)
-        self._checksums = bodies.checksums(self._layout)
-        self._n_u, self._n_z = self._layout.size_u, self._coupling.multipliers.size
-        self._z = np.zeros(self._n_z)
-        self._started = False
-        #: What friction alone has to balance, if anything
-        self._balance: Balance | None = None
-        self.history: list[dict] = []
-        self._system: NewtonSystem | None = None
-        self.snes, self._x, self._solver = newton.create(self, self._options, condense)
+        self.spaces = [f.function_space for f in self._functions]
+        self.comm = memory.communicator(comm)
+        memory.free_forgotten(self.comm)
+        form_options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
+        form_options = {k: v for k, v in form_options.items() if v is not None}
+        self._prefix, self._warned = petsc_options_prefix, False
+        self._interrupts: interrupts.Interrupts | None = None
+        this = weakref.ref(self)
+        try:
+            problem = cpp.ContactProblem(
+                self.comm.py2f(),
+                *[[fem.form(f, **form_options)._cpp_object for f in form] for form in (F, J)],
+                [f._cpp_object for f in self._functions],
+                [bc._cpp_object for bc in self.bcs],
+                [i.describe() for i in self._interfaces],
+                petsc_options_prefix,
+                options,
+                condense,
+                lambda: _poll(this()),
+            )
+        except RuntimeError as error:
+            if not str(error).startswith("PETSc failed"):
+                raise
+            raise ValueError(
+                f"PETSc does not accept petsc_options={petsc_options}: {error}"
+            ) from error
+        self._handle = memory.Handle(problem)
+        memory.keep(self, self.comm, [self._handle])
         # Nothing can fail any more: before, interfaces are free for another attempt
-        for i in self._interfaces:
-            i._problem = self
-            i._create_fields()
+        for index, i in enumerate(self._interfaces):
+            i.attach(self, index)
+
+    @property
+    def _cpp_object(self) -> cpp.ContactProblem:
+        self._check_alive()
+        return self._handle.object
+
+    def _free(self) -> None:
+        self._handle.destroy()
 
     @property
     def interfaces(self) -> tuple[Interface, ...]:
         """The interfaces; another set of them is another problem."""
         return self._interfaces
 
-    def _free(self) -> None:
-        self._release_system()
-        self._solver.destroy()
-        self._coupling.destroy()
-        self._forms.destroy()
-        self.snes.destroy()
-        self._x.destroy()
+    @property
+    def snes(self) -> PETSc.SNES:
+        """The PETSc SNES."""
+        return self._cpp_object.snes
 
-    # -- Newton's iteration ------------------------------------------------------
+    @property
+    def history(self) -> list[dict]:
+        """See the class."""
+        return [_as_dict(i) for i in self._cpp_object.history]
 
-    # PETSc locks vectors around its calls, and leaves them locked where these raise: what they
-    # raise is kept until newton shortens the step
+    @property
+    def coupling(self) -> cpp.Coupling:
+        """Dofs of bodies and multipliers, as the C++ library has them."""
+        return self._cpp_object.coupling
 
-    def _snes_function(self, snes, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        try:
-            f.array[:] = self._row_scale * self._evaluate(x.array_r)
-        except BaseException as error:
-            self._raised, self._cached = error, None
-            f.array[:] = np.nan
+    @property
+    def state(self) -> cpp.State:
+        """State of the last accepted step: a copy that stays as it is."""
+        return self._cpp_object.state
 
-    def _evaluate(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Residual at x = [u, z] of this rank. Collective; keeps the last result."""
-        same = self._cached is not None and np.array_equal(x, self._cached[0])
-        if self.comm.allreduce(same, op=MPI.LAND):
-            return self._cached[1]
-        n = self._n_u
-        u, z = x[:n], x[n:]
-        self._layout.scatter(u, self._functions)
-        self._z[:] = z
-        f = np.empty_like(x)
-        f[:n] = self._forms.residual()
-        u_all = self._layout.all_local(self._functions)
-        contact, f[n:] = self._coupling.evaluate(u_all, u, z, self._forced)
-        f[:n] += contact
-        self._contact_force = contact
-        # Forces at work: reactions and contact forces
-        fixed = self._coupling.fixed_dofs
-        self._force_scale = self._norm(np.concatenate([f[fixed], contact]))
-        f[fixed] = (u - self._layout.prescribed_values(self.bcs))[fixed]
-        self._cached = (x.copy(), f)
-        return f
-
-    def _norm(self, values: npt.NDArray[np.float64]) -> float:
-        return float(np.sqrt(self.comm.allreduce(float(values @ values))))
-
-    def _max(self, values: npt.NDArray[np.float64]) -> float:
-        return self.comm.allreduce(float(np.max(np.abs(values), initial=0.0)), op=MPI.MAX)
-
-    def _snes_jacobian(self, snes, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        try:
-            self._linearise(x)
-        except BaseException as error:
-            self._raised = error
-
-    def _linearise(self, x: PETSc.Vec) -> None:
-        self._evaluate(x.array_r)
-        self._release_system()
-        f = self._cached[1]
-        plain = f[self._n_u :].copy()
-        f[self._n_u :] = self._coupling.rescale(plain)
-        #: Residual of the constraints where the system belongs to, in both scales
-        self._rescaled = plain, f[self._n_u :].copy()
-        K = self._forms.tangent()
-        # Displacements that leave no strain still have the round-off of a deformation gradient;
-        # those far beyond the bodies' size are a body's that flies away, and excuse nothing
-        size = np.clip(np.abs(x.array_r[: self._n_u]), 0.1 * self._cell_size, 10 * self._size)
-        self._force_floor = 1e-5 * self._norm(K.getDiagonal().array * size)
-        self._system = linearise(self._coupling, K, self._z)
-        if self._coupling.has_contact:
-            check_support(self, K)
-        bare = bool(np.any(self._system.diagonal == 0)) and self._solver.condense
-        if self.comm.allreduce(bare, op=MPI.LOR):
-            raise ConvergenceError(
-                "No master covers a slave node in contact any more, so that its multiplier can not "
-                f"be condensed.{SMALLER}"
-            )
-
-    def _free_forces(self) -> npt.NDArray[np.float64]:
-        """Residual forces without those of contact, zero at Dirichlet dofs."""
-        free = self._cached[1][: self._n_u] - self._contact_force
-        free[self._coupling.fixed_dofs] = 0.0
-        return free
-
-    def _release_system(self) -> None:
-        if self._system is not None:
-            self._system.destroy()
-            self._system = None
-
-    def _measures(self) -> dict:
-        """Norms that decide on convergence. Collective."""
-        x, f = self._cached
-        n = self._n_u
-        free = f[:n].copy()
-        free[self._coupling.fixed_dofs] = 0.0
-        bc = self._max(f[:n][self._coupling.fixed_dofs])
-        residual = self._norm(free)
-        if self._first_residual is None:
-            self._first_residual = residual
-        # Forces below the round-off of stiffness times displacement are no forces. What forces
-        # an iterate on the way had is no measure: it may have been far off.
-        reference = max(self._first_residual, self._force_scale, self._force_floor)
-        length = max(self._max(x[:n]), bc)
-        return {
-            "force": residual / reference if reference > 0 else 0.0,
-            "residual": residual,
-            "constraint": self._coupling.constraint_measure(f[n:], x[n:], length),
-            "prescribed": bc / length if length > 0 else 0.0,
-        }
-
-    def _converged(self, snes, it: int, norms) -> int | None:
-        Reason = PETSc.SNES.ConvergedReason
-        rtol, atol, _, max_it = snes.getTolerances()
-        if self._raised is not None or self._cached is None or not np.isfinite(norms[2]):
-            return Reason.DIVERGED_FNORM_NAN
-        m = self._measures()
-        sets = self._coupling.active_sets
-        counts, changes = sets.counts(), sets.record()
-        if it > 0 and not self._coupling.has_contact:
-            changes = 0
-        record = {"iteration": it, **m, **counts, "changes": changes}
-        record["step"] = self._length_of_step() if it > 0 else 0.0
-        self.history.append(record)
-        small = max(m["force"], m["constraint"], m["prescribed"]) <= rtol or (
-            m["residual"] <= atol and m["constraint"] <= rtol and m["prescribed"] <= rtol
-        )
-        settled = changes == 0 or sets.undecided(self._coupling.split(self._z), rtol)
-        if small and settled and self._forced is None:
-            return Reason.CONVERGED_FNORM_RELATIVE
-        if it >= max_it:
-            return Reason.DIVERGED_MAX_IT
-        if sets.cycling():
-            self._cycle_pending = True
-            record["cycle"] = True
-        return Reason.CONVERGED_ITERATING
-
-    def _length_of_step(self) -> float:
-        """Length of the last step, relative to Newton's. Collective."""
-        x, y = self._before
-        if self._options.line_search == "basic" or y == 0:
-            return self._iteration_step
-        return self._norm(self._cached[0] - x) / y
+    def body(self, V: fem.FunctionSpace) -> int:
+        """Number of the body that a space belongs to."""
+        return next(b for b, W in enumerate(self.spaces) if W is V or W == V)
 
     # -- Solve -------------------------------------------------------------------
 
@@ -272,17 +167,17 @@ class ContactProblem(Destroyable):
             Number of Newton iterations (of all parts of a cut step).
 
         Raises:
-            ConvergenceError: Not converged, or to a state that can not be meant: bodies that have
+            ConvergenceError: Not converged, or to a state that cannot be meant: bodies that have
                 passed through each other, cells inside out, Dirichlet conditions that hold slave
                 nodes inside a master. The state is as before the call.
             RuntimeError: Bodies are deep inside each other when the first solve begins; or a
                 mesh, a displacement or the Dirichlet dofs are not those of the problem any more.
-            ValueError: Friction has been changed to what it can not be, or ranks differ.
+            ValueError: Friction has been changed to what it cannot be, or ranks differ.
 
         What a function of the user raises, and KeyboardInterrupt, comes through on all ranks; the
         state is then as before the call, too.
         """
-        self._check_alive()
+        problem = self._cpp_object
         with agreement.alike(self.comm) as same:
             same["adaptive"] = "given" if adaptive is not None else None
             same["max_cuts"] = arguments.whole("max_cuts", max_cuts, 0)
@@ -292,20 +187,97 @@ class ContactProblem(Destroyable):
                     "fraction of the step."
                 )
         with interrupts.deferred() as self._interrupts:
-            start = self._state()
             try:
+                memory.free_forgotten(self.comm)
+                self._prepare()
                 if adaptive is None:
-                    total = self._solve_once()
+                    total = problem.solve()
                 else:
-                    total = steps.solve_in_parts(
-                        self._solve_once, adaptive, max_cuts, self.comm, self._interrupts
-                    )
+                    total = problem.solve_adaptively(self._loader(adaptive), max_cuts)
+                self._warn_of_unread()
                 self._interrupts.handle_together(self.comm)
-            except BaseException:
-                self._restore(start)
+            except cpp.ConvergenceError as error:
+                raise ConvergenceError(str(error), self.history) from None
+            finally:
                 self._update_fields()
-                raise
+        # Meshes may go before the next solve, and their communicators with them
+        memory.free_forgotten(self.comm, [V.mesh.comm for V in self.spaces])
         return total
+
+    def _prepare(self) -> None:
+        """Take over what a user may have changed since the last solve. Collective.
+
+        Raises:
+            ValueError: A coefficient of friction, or the SNES, cannot be as it is; or ranks
+                differ.
+            RuntimeError: Another displacement has been put into the problem.
+        """
+        problem = self._cpp_object
+        with agreement.alike(self.comm) as same:
+            problem.check_type()
+            same["tolerances of snes"] = problem.snes.getTolerances()
+            for k, i in enumerate(self._interfaces):
+                if isinstance(i, Contact):
+                    for name, value in i.friction_values().items():
+                        same[f"{name} of contact {k}"] = value
+            functions = as_list(self.u)
+            if len(functions) != len(self._functions) or any(
+                f is not g for f, g in zip(functions, self._functions, strict=True)
+            ):
+                raise RuntimeError(
+                    "Another displacement has been put into the problem: make new interfaces and "
+                    "a new ContactProblem."
+                )
+        for k, i in enumerate(self._interfaces):
+            if isinstance(i, Contact):
+                problem.set_friction(k, i.present_friction())
+        problem.set_conditions([bc._cpp_object for bc in self.bcs])
+
+    def _loader(self, adaptive: Callable[[float], None]) -> Callable[[float], None]:
+        """The user's function, which all ranks leave alike and interrupts do not wait for."""
+        assert self._interrupts is not None
+        pending, comm = self._interrupts, self.comm
+
+        def load(t: float) -> None:
+            self._update_fields()
+            self._prepare()
+            with agreement.alike(comm), pending.at_once():
+                adaptive(t)
+            self._prepare()
+
+        return load
+
+    def _warn_of_unread(self) -> None:
+        """Warn, once, of options that nothing has asked for in the first solve. Collective."""
+        if self._warned:
+            return
+        self._warned = True
+        names = self._cpp_object.unread_options()
+        with agreement.alike(self.comm):
+            if names and self.comm.rank == 0:
+                warnings.warn(
+                    f"No solver has asked for the PETSc options {', '.join(sorted(names))} (prefix "
+                    f"{self._prefix!r}): they are misspelt, or belong to solvers that are not in "
+                    "use.",
+                    stacklevel=3,
+                )
+
+    def _update_fields(self) -> None:
+        """Let the fields of all interfaces show the present state. Collective."""
+        for i in self._interfaces:
+            i.update_fields()
+
+    # -- States --------------------------------------------------------------------
+
+    def restore(self, state: cpp.State) -> None:
+        """Go back to a state, with its displacements. Collective.
+
+        Args:
+            state: From :attr:`state`.
+        """
+        problem = self._cpp_object
+        problem.restore(state, state.u if len(state.u) else problem.displacements())
+        self._update_fields()
 
     def save(self, path: str | Path) -> None:
         """Write the state of the last accepted step to a file. Collective.
@@ -313,10 +285,10 @@ class ContactProblem(Destroyable):
         An interrupted call leaves an earlier file of that name as it was.
 
         Raises:
-            RuntimeError: The file can not be written.
+            RuntimeError: The file cannot be written.
         """
         self._check_alive()
-        checks.check_path(self.comm, path)
+        _check_path(self.comm, path)
         checkpoint.save(self, path)
 
     def load(self, path: str | Path) -> None:
@@ -327,103 +299,124 @@ class ContactProblem(Destroyable):
                 unchanged.
         """
         self._check_alive()
-        checks.check_path(self.comm, path)
-        checks.check_changeable(self)
-        checkpoint.load(self, path)
+        _check_path(self.comm, path)
+        self._prepare()
+        state = checkpoint.load(self, path)
+        before, u = self.state, self._cpp_object.displacements()
+        try:
+            self._cpp_object.resume(state)
+        except Exception:
+            self._cpp_object.restore(before, u)
+            raise
         self._update_fields()
 
-    def _state(self):
-        return (
-            self._layout.gather(self._functions).copy(),
-            self._z.copy(),
-            self._coupling.state(),
-            self._started,
+
+# -- What a problem is given -----------------------------------------------------------
+
+
+def _poll(problem: ContactProblem | None) -> None:
+    """Handle interrupts while PETSc is at work. Collective."""
+    if problem is not None and problem._interrupts is not None:
+        problem._interrupts.handle_together(problem.comm)
+
+
+def _as_dict(i: cpp.Iterate) -> dict[str, Any]:
+    names = "iteration force residual constraint prescribed active stick slip changes step"
+    return {name: getattr(i, name) for name in names.split()} | ({"cycle": True} if i.cycle else {})
+
+
+def _petsc_options(prefix: Any, options: Any) -> dict[str, str]:
+    """PETSc options as text.
+
+    Raises:
+        ValueError: A name or the prefix is no text.
+    """
+    options = {} if options is None else options
+    if not isinstance(prefix, str):
+        raise ValueError(f"petsc_options_prefix is {prefix!r}, but must be a string.")
+    if not isinstance(options, dict) or any(not isinstance(key, str) for key in options):
+        raise ValueError(
+            f"petsc_options are {options!r}, but must be a dictionary whose keys are strings, "
+            "names of PETSc options without the prefix."
         )
 
-    def _restore(self, state) -> None:
-        u, z, coupling, self._started = state
-        self._layout.scatter(u, self._functions)
-        self._z[:] = z
-        self._coupling.restore(coupling)
+    def text(value: Any) -> str:
+        if value is None:
+            return ""
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, list | tuple):
+            return ",".join(map(text, value))
+        return str(value)
 
-    def _update_fields(self) -> None:
-        """Let the fields of all interfaces show the present state. Collective."""
-        for i in self._interfaces:
-            i._update_fields()
+    return {key: text(value) for key, value in options.items()}
 
-    def _solve_once(self) -> int:
-        free_forgotten(self.comm)
-        checks.check_changeable(self)
-        checks.check_unchanged(self)
-        state = self._state()
-        self._cached = None
-        self._system = None
-        self._forced = None
-        self._failure = ""
-        self._raised: BaseException | None = None
-        self._cycle_pending = False
-        self._iteration_step = 0.0
-        self._first_residual: float | None = None
-        self._force_floor = 0.0
-        self.history = []
-        n, iterating = self._n_u, False
-        try:
-            self._x.array[:n] = state[0]
-            self._x.array[n:] = state[1]
-            self._begin()
-            self._row_scale = newton.row_scale(self)
-            iterating = True
-            with self._options.lent():
-                self.snes.solve(None, self._x)
-            agreement.raise_together(self.comm, self._raised)
-            iterating = False
-            self._options.warn_of_unread(self.comm)
-            reason = self.snes.getConvergedReason()
-            if reason <= 0:
-                raise ConvergenceError(diagnosis.explain_reason(self, reason), self.history)
-            self._evaluate(self._x.array_r)
-            complaint = diagnosis.complain_of_solution(self)
-            if complaint:
-                raise ConvergenceError(complaint, self.history)
-            self._interrupts.handle_together(self.comm)
-        except BaseException as error:
-            # What is said about the failed state must be found out before it is left
-            text, cause = "", diagnosis.cause(error)
-            if iterating and isinstance(cause, RuntimeError):
-                text = diagnosis.explain_error(self, cause)
-            self._release_system()
-            self._cached = None
-            self._restore(state)
-            if text:
-                cause = None if isinstance(cause, ConvergenceError) else cause
-                raise ConvergenceError(text, self.history) from cause
-            if cause is not error:
-                raise cause from None
-            raise
-        self._release_system()
-        self._coupling.accept(self._layout.all_local(self._functions))
-        self._started = True
-        self._update_fields()
-        # Meshes may go before the next solve, and their communicators with them
-        free_forgotten(self.comm, [V.mesh.comm for V in self._layout.spaces])
-        return self.snes.getIterationNumber()
 
-    def _begin(self) -> None:
-        """Prepare parameters and the initial active set. Collective."""
-        u = self._x.array_r[: self._n_u]
-        self._layout.scatter(u, self._functions)
-        u_all = self._layout.all_local(self._functions)
-        if self._coupling.has_contact and not self._started:
-            K = self._forms.tangent()
-            diagonal = K.getDiagonal().array.copy()
-            K.destroy()
-            self._coupling.set_parameters(diagonal)
-        self._coupling.begin(u_all, u)
-        if self._coupling.has_contact and not self._started:
-            self._coupling.check_start(u_all)
-            self._evaluate(self._x.array_r)
-            self._forced = initial_status(self._coupling, u, self._free_forces())
-            self._cached = None
+def _check_forms(
+    F: Any, J: Any, functions: Sequence[fem.Function], same: dict[str, Any]
+) -> tuple[list, list]:
+    """Residual and Jacobian forms, one of each for each body.
 
-    def _resultants(self, contact: Contact):
-        return self._coupling.resultants(contact, self._z, self._layout.gather(self._functions))
+    Raises:
+        ValueError: They do not fit.
+    """
+    residuals = as_list(F)
+    same["form F (its signature)"] = forms.check("F", residuals, functions)
+    tangents = forms.derivatives(residuals, functions) if J is None else as_list(J)
+    same["form J (its signature)"] = forms.check("J", tangents, functions)
+    return residuals, tangents
+
+
+def _check_conditions(bcs: Any, same: dict[str, Any]) -> list[fem.DirichletBC]:
+    """Dirichlet conditions.
+
+    Raises:
+        ValueError: They are something else.
+    """
+    bcs = [] if bcs is None else as_list(bcs)
+    for bc in bcs:
+        if not isinstance(bc, fem.DirichletBC):
+            raise ValueError(
+                f"bcs hold a {type(bc).__name__}, but must be a list of what fem.dirichletbc "
+                "returns."
+            )
+    same["number of bcs"] = len(bcs)
+    return bcs
+
+
+def _check_interfaces(interfaces: Any, same: dict[str, Any]) -> tuple[Interface, ...]:
+    """Interfaces that are in no problem yet.
+
+    Raises:
+        ValueError: They are something else, or taken.
+    """
+    interfaces = as_list(interfaces)
+    for k, i in enumerate(interfaces):
+        if not isinstance(i, Interface):
+            raise ValueError(
+                f"interfaces hold a {type(i).__name__}, but must be Tie and Contact objects."
+            )
+        if any(i is j for j in interfaces[:k]):
+            raise ValueError("An interface is named twice in interfaces.")
+        if i.problem is not None:
+            raise ValueError(
+                "An interface is part of another ContactProblem already: make a new Tie or "
+                "Contact for each problem."
+            )
+    same["interfaces"] = [
+        (type(i).__name__, [[p.tag for p in side] for side in (i.slave, i.master)])
+        for i in interfaces
+    ]
+    return tuple(interfaces)
+
+
+def _check_path(comm: MPI.Comm, path: Any) -> None:
+    """Refuse what names no file, or not the same one on all ranks. Collective.
+
+    Raises:
+        ValueError: It does.
+    """
+    with agreement.alike(comm) as same:
+        if not isinstance(path, str | os.PathLike):
+            raise ValueError(f"path is {path!r}, but must be a string or a Path.")
+        same["path"] = os.fspath(path)

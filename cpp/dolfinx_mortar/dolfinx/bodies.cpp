@@ -203,6 +203,34 @@ Layout dolfinx_mortar::create_layout(
   return layout;
 }
 //-----------------------------------------------------------------------------
+std::size_t
+dolfinx_mortar::space_of(std::span<const std::shared_ptr<const Space>> spaces,
+                         const DirichletBC& bc)
+{
+  const auto V = bc.function_space();
+  for (std::size_t b = 0; b < spaces.size(); ++b)
+  {
+    if (spaces[b] == V or spaces[b]->contains(*V))
+      return b;
+  }
+  throw std::invalid_argument("A Dirichlet condition is on a space of none of "
+                              "the problem's unknowns.");
+}
+//-----------------------------------------------------------------------------
+std::vector<std::int8_t> dolfinx_mortar::prescribed_dofs(
+    const Layout& layout, std::span<const std::shared_ptr<const Space>> spaces,
+    std::span<const std::shared_ptr<const DirichletBC>> bcs)
+{
+  std::vector<std::int8_t> flags(3 * layout.num_local_blocks(), 0);
+  for (const auto& bc : bcs)
+  {
+    const std::int32_t start = 3 * layout.local_start(space_of(spaces, *bc));
+    for (std::int32_t dof : bc->dof_indices().first)
+      flags[start + dof] = 1;
+  }
+  return flags;
+}
+//-----------------------------------------------------------------------------
 Surface dolfinx_mortar::create_surface(
     const Layout& layout, std::span<const std::shared_ptr<const Space>> spaces,
     std::span<const TaggedFacets> parts, const std::string& side)
@@ -226,11 +254,10 @@ Surface dolfinx_mortar::create_surface(
 //-----------------------------------------------------------------------------
 Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
                std::vector<std::shared_ptr<const DirichletBC>> bcs)
-    : _bodies(std::move(bodies)), _bcs(std::move(bcs))
+    : _bodies(std::move(bodies))
 {
   _layout = create_layout(comm, spaces());
-  for (const auto& bc : _bcs)
-    body_of(*bc);
+  set_conditions(std::move(bcs));
   for (const Body& body : _bodies)
     _tangents.emplace_back(dolfinx::fem::petsc::create_matrix(*body.J));
   _checksums = checksums();
@@ -244,17 +271,11 @@ std::vector<std::shared_ptr<const FunctionSpace>> Bodies::spaces() const
   return spaces;
 }
 //-----------------------------------------------------------------------------
-std::size_t Bodies::body_of(const DirichletBC& bc) const
+void Bodies::set_conditions(std::vector<std::shared_ptr<const DirichletBC>> bcs)
 {
-  const auto V = bc.function_space();
-  for (std::size_t b = 0; b < _bodies.size(); ++b)
-  {
-    const auto W = _bodies[b].u->function_space();
-    if (W == V or W->contains(*V))
-      return b;
-  }
-  throw std::invalid_argument("A Dirichlet condition is on a space of none of "
-                              "the problem's unknowns.");
+  for (const auto& bc : bcs)
+    space_of(spaces(), *bc);
+  _bcs = std::move(bcs);
 }
 //-----------------------------------------------------------------------------
 std::vector<double> Bodies::displacements() const
@@ -347,14 +368,7 @@ Matrix Bodies::tangent() const
 //-----------------------------------------------------------------------------
 std::vector<std::int8_t> Bodies::prescribed() const
 {
-  std::vector<std::int8_t> flags(3 * _layout.num_local_blocks(), 0);
-  for (const auto& bc : _bcs)
-  {
-    const std::int32_t start = 3 * _layout.local_start(body_of(*bc));
-    for (std::int32_t dof : bc->dof_indices().first)
-      flags[start + dof] = 1;
-  }
-  return flags;
+  return prescribed_dofs(_layout, spaces(), _bcs);
 }
 //-----------------------------------------------------------------------------
 std::vector<double> Bodies::prescribed_values() const
@@ -362,7 +376,7 @@ std::vector<double> Bodies::prescribed_values() const
   std::vector<double> local(3 * _layout.num_local_blocks(), 0.0);
   for (const auto& bc : _bcs)
   {
-    const std::size_t b = body_of(*bc);
+    const std::size_t b = space_of(spaces(), *bc);
     const std::span<double> own = std::span(local).subspan(
         3 * _layout.local_start(b), 3 * _layout.num_local[b]);
     bc->set(own, std::nullopt, 1.0);

@@ -49,6 +49,19 @@ Layout
 create_layout(MPI_Comm comm,
               std::span<const std::shared_ptr<const FunctionSpace>> spaces);
 
+/// @brief Index of the space that a Dirichlet condition is on.
+/// @throw std::invalid_argument It is on none of the spaces.
+std::size_t
+space_of(std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+         const DirichletBC& bc);
+
+/// @brief Non-zero for local displacements with a Dirichlet condition, shape
+/// (num_local_blocks, 3).
+std::vector<std::int8_t>
+prescribed_dofs(const Layout& layout,
+                std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+                std::span<const std::shared_ptr<const DirichletBC>> bcs);
+
 /// @brief The surface that tagged facets of one or more bodies make up.
 /// Collective.
 /// @param[in] layout,spaces Displacement dofs, and the spaces they are of.
@@ -107,6 +120,10 @@ public:
   /// (num_local_blocks, 3).
   std::vector<std::int8_t> prescribed() const;
 
+  /// @brief Exchange the Dirichlet conditions.
+  /// @throw std::invalid_argument A condition is on none of the spaces.
+  void set_conditions(std::vector<std::shared_ptr<const DirichletBC>> bcs);
+
   /// @brief Values of the Dirichlet conditions at the owned dofs, else zero.
   std::vector<double> prescribed_values() const;
 
@@ -127,7 +144,6 @@ public:
   bool meshes_moved() const;
 
 private:
-  std::size_t body_of(const DirichletBC& bc) const;
   std::vector<std::size_t> checksums() const;
 
   std::vector<Body> _bodies;

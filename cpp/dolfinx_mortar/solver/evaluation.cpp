@@ -161,7 +161,8 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
     e.usable[j] = s.basis.has_multiplier[j] and !step.barred[i][j]
                   and e.geometry->nodal.coverage[j] != 0;
   }
-  e.scale = s.scale;
+  const bool given = !step.scale.empty() and !step.scale[i].empty();
+  e.scale = given ? step.scale[i] : s.scale;
   auto evaluate = [&]
   {
     e.law = evaluate_law(
@@ -171,7 +172,7 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
         false);
   };
   evaluate();
-  if (step.is_frictional(i))
+  if (step.is_frictional(i) and !given)
   {
     for (std::size_t j = 0; j < n; ++j)
     {

@@ -49,6 +49,10 @@ struct Step
   /// interface: those that the first solve begins with
   std::vector<std::vector<Status>> forced;
 
+  /// Scales of the tangential equations to use, of each interface, instead of
+  /// those of the nodes themselves; empty for these
+  std::vector<std::vector<double>> scale;
+
   bool is_frictional(std::size_t i) const
   {
     return friction[i].coefficient > 0 or friction[i].bound;

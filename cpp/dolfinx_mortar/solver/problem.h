@@ -153,6 +153,12 @@ public:
   /// @brief Iterates of the last solve.
   const History& history() const { return _newton->history(); }
 
+  /// @brief Exchange the Dirichlet conditions for others on the same dofs.
+  void set_conditions(std::vector<std::shared_ptr<const DirichletBC>> bcs)
+  {
+    _bodies.set_conditions(std::move(bcs));
+  }
+
   /// @brief Change the tangential behaviour of a contact, from the next solve
   /// on.
   void set_friction(std::size_t interface, const Friction& friction);

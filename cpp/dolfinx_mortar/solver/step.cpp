@@ -333,7 +333,7 @@ Step dolfinx_mortar::create_step(const Coupling& coupling, State& state)
   state = {};
   state.z.assign(coupling.size(), 0.0);
   for (const CoupledInterface& c : coupling.interfaces)
-    state.interfaces.push_back({.basis = create_basis(c.data)});
+    state.interfaces.emplace_back().basis = create_basis(c.data);
   for (std::size_t i = 0; i < num; ++i)
   {
     set_nonnegative(coupling, i, state.interfaces[i].basis.nonnegative, state,

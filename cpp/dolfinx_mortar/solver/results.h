@@ -1,0 +1,41 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "problem.h"
+
+namespace dolfinx_mortar
+{
+/// @brief Nodal values of a result on the slave surface of an interface.
+struct Field
+{
+  /// "multiplier", "traction"; of contacts also "pressure", "gap", "status",
+  /// "slip" and "tangential_traction"
+  std::string name;
+
+  /// Number of values at a node
+  int columns;
+
+  /// Local displacement block of each node, each once; those this rank owns
+  std::vector<std::int32_t> nodes;
+
+  /// Shape (nodes.size(), columns)
+  std::vector<double> values;
+};
+
+/// @brief Results of an interface in the last accepted state. Collective.
+///
+/// Nodes that carry no multiplier have the mean of their facets' nodes that
+/// have one. Where several slave nodes are at one displacement node, at an
+/// edge, pressure and status are the largest, the gap is the smallest, slip
+/// that of the node with the largest status, tractions are means.
+/// @return Empty for contacts before the first solve.
+std::vector<Field> results(const ContactProblem& problem,
+                           std::size_t interface);
+
+/// @brief Number of slave nodes, on all ranks, that carry a multiplier.
+/// Collective.
+std::int64_t num_multiplier_nodes(const ContactProblem& problem,
+                                  std::size_t interface);
+} // namespace dolfinx_mortar
