@@ -257,6 +257,8 @@ void FacetIntegrator::number_masters(const FacetList& list,
                                      std::span<const std::int32_t> masters)
 {
   std::vector<std::int64_t>& blocks = _result.master_blocks;
+  blocks.clear();
+  _result.dropped_area = 0;
   _facet.pairs.clear();
   _facet.columns.resize(std::max(_facet.columns.size(), masters.size()));
   for (std::size_t p = 0; p < masters.size(); ++p)
@@ -276,6 +278,40 @@ void FacetIntegrator::number_masters(const FacetList& list,
     }
   }
   _facet.m = blocks.size();
+}
+//-----------------------------------------------------------------------------
+void FacetIntegrator::keep_inside()
+{
+  for (int p : _facet.pairs)
+  {
+    PairPoints& points = _points[p];
+    const std::size_t before = points.w.size(), nd = points.d.size() / before;
+    auto move = [](std::vector<double>& v, std::size_t size, std::size_t from,
+                   std::size_t to)
+    { std::copy_n(v.begin() + size * from, size, v.begin() + size * to); };
+    std::size_t after = 0;
+    for (std::size_t q = 0; q < before; ++q)
+    {
+      if (!in_reference(_facet.slave.type,
+                        {points.xi[2 * q], points.xi[2 * q + 1]}, 0))
+      {
+        points.dropped_area += points.w[q];
+        continue;
+      }
+      if (after < q)
+      {
+        move(points.xi, 2, q, after);
+        move(points.eta, 2, q, after);
+        move(points.w, 1, q, after);
+        move(points.d, nd, q, after);
+      }
+      ++after;
+    }
+    points.xi.resize(2 * after);
+    points.eta.resize(2 * after);
+    points.w.resize(after);
+    points.d.resize(nd * after);
+  }
 }
 //-----------------------------------------------------------------------------
 void FacetIntegrator::tabulate_shapes(FacetType master,
@@ -383,6 +419,8 @@ double FacetIntegrator::integrate_products(bool derivatives)
   _facet.b.setZero(nl, 4);
   _result.coverage.setZero(_facet.n);
   _result.master_normal.setZero(_facet.n, 3);
+  _result.area = 0;
+  _result.volume = 0;
   double nearest = std::numeric_limits<double>::max();
   RowMatrix WN;
   for (int p : _facet.pairs)
@@ -464,7 +502,9 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> carries)
     // to round-off
     D.leftCols(nl).setZero();
     D.leftCols(nl).diagonal() = M.rowwise().sum();
-    if ((D.diagonal().head(nl).array() * _facet.mass.array() < 0).any())
+    const Eigen::ArrayXd d = D.diagonal().head(nl);
+    if ((d * _facet.mass.array() < 0).any()
+        or (_facet.nonnegative and !(d.minCoeff() > 0)))
       return false;
     for (int j = 0; j < nl; ++j)
       r.diagonal[j] = carries[j] ? D(j, j) : 0.0;
@@ -498,7 +538,25 @@ const FacetIntegrals& FacetIntegrator::compute(
 
   _facet.T = transformation(_options.space, slave.type, positive);
   _facet.T_inv = inverse_transformation(_options.space, slave.type, positive);
-  const double nearest = integrate_products(derive);
+  _facet.nonnegative = is_nonnegative(_options.space, slave.type, positive);
+  double nearest = integrate_products(derive);
+  // A linear part reaches beyond a facet whose edge is curved inwards. What lies
+  // there is kept as a rule, since a neighbour lacks it, although functions
+  // change their sign there. Where nothing else is covered, or too little to
+  // outweigh it, the weight of a node would be negative.
+  if (_facet.nonnegative
+      and !(_result.coverage.head(_facet.nl).minCoeff() > 0))
+  {
+    keep_inside();
+    number_masters(list, masters);
+    if (_facet.pairs.empty())
+    {
+      leave_out();
+      _result.lost = lost_share();
+      return _result;
+    }
+    nearest = integrate_products(derive);
+  }
   if (distant(nearest))
   {
     _result.dropped_area = 0;

@@ -147,6 +147,7 @@ private:
     FacetView slave = {};
     std::span<const double> normals; // of its nodes
     bool dual = false;               // Φ biorthogonal to Ñ
+    bool nonnegative = false;        // no Ñ_k is negative on the facet
     int n = 0, nl = 0, m = 0; // its nodes, those with a Φ, nodes of masters
     FacetMatrix T, T_inv;     // basis transformation
 
@@ -198,6 +199,9 @@ private:
   void number_masters(const FacetList& list,
                       std::span<const std::int32_t> masters);
 
+  /// @brief Drop the points that lie beyond the slave facet.
+  void keep_inside();
+
   /// @brief N, Ñᵀ = Nᵀ T (equations 4.5, 4.13) and the master's N at the points
   /// of a pair.
   void tabulate_shapes(FacetType master, const PairPoints& points,
@@ -209,7 +213,7 @@ private:
                        PairShapes& shapes) const;
 
   /// @brief Integrals of products with Ñ: the right-hand sides of equations
-  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), and ∫ Ñ_k.
+  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), ∫ Ñ_k, area and volume.
   /// @return Smallest gap of all points.
   double integrate_products(bool derivatives);
 

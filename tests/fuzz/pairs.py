@@ -12,7 +12,7 @@ What must hold for the integrals of any slave facet over any master facets:
   counted;
 * D and M agree on constants: their rows have the same sums, and all entries of D add up to the
   area where all nodes carry a multiplier;
-* where functions are made positive, so is the diagonal of D̃ (unless the slave facet is noise);
+* where no function is negative on a facet, the diagonal of D̃ is positive;
 * M is bounded: no row has more than a multiple of the facet's area;
 * other units, places, directions and numberings of the nodes change nothing.
 """
@@ -253,13 +253,13 @@ def violated_balance(example: Example, r: dict[str, np.ndarray]) -> list[str]:
         bad.append("rows of D and M differ")
     if np.all(options["carries"]) and abs(r["D"].sum() - area) > 1e-9 * np.abs(r["D"]).sum():
         bad.append("D does not add up to the area")
-    # Points of folded facets lie beyond them, where functions change their sign
-    if (
-        options["positive"] is not None
-        and options["multiplier"] == "dual"
-        and example.category != "noise"
-    ):
-        if np.any(r["diagonal"][np.flatnonzero(options["carries"])] <= 0):
+    kind, multiplier = p.kinds[0], options["multiplier"]
+    nonnegative = kind in ("tri3", "quad4") or options["positive"] is not None
+    if multiplier == "dual-linear" or (multiplier == "dual" and nonnegative):
+        nodes = np.flatnonzero(options["carries"])
+        if multiplier == "dual-linear":
+            nodes = nodes[nodes < (3 if kind.startswith("tri") else 4)]
+        if np.any(r["diagonal"][nodes] <= 0):
             bad.append("D̃ is not positive")
     if np.abs(r["M"]).sum(axis=1).max() > ROW * max(facet, area):
         bad.append(f"has a row of M of {np.abs(r['M']).sum(axis=1).max() / facet:.3g} areas")
