@@ -540,12 +540,11 @@ const FacetIntegrals& FacetIntegrator::compute(
   _facet.T_inv = inverse_transformation(_options.space, slave.type, positive);
   _facet.nonnegative = is_nonnegative(_options.space, slave.type, positive);
   double nearest = integrate_products(derive);
-  // A linear part reaches beyond a facet whose edge is curved inwards. What lies
-  // there is kept as a rule, since a neighbour lacks it, although functions
-  // change their sign there. Where nothing else is covered, or too little to
-  // outweigh it, the weight of a node would be negative.
-  if (_facet.nonnegative
-      and !(_result.coverage.head(_facet.nl).minCoeff() > 0))
+  // A linear part reaches beyond a facet whose edge is curved inwards. What
+  // lies there is kept as a rule, since a neighbour lacks it, although
+  // functions change their sign there. Where nothing else is covered, or too
+  // little to outweigh it, the weight of a node would be negative.
+  if (_facet.nonnegative and !(_result.coverage.head(_facet.nl).minCoeff() > 0))
   {
     keep_inside();
     number_masters(list, masters);
