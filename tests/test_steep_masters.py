@@ -213,7 +213,11 @@ def seen(plate):
     start = np.cumsum([0, *(len(part.x) for part, _ in parts)])
     master = oracle.Surface(
         np.vstack([part.x for part, _ in parts]),
-        [(k, n + s) for (part, _), s in zip(parts, start[:-1], strict=True) for k, n in part.facets],
+        [
+            (k, n + s)
+            for (part, _), s in zip(parts, start[:-1], strict=True)
+            for k, n in part.facets
+        ],
         np.concatenate([part.sign for part, _ in parts]),
     )
     columns = upper.V.dofmap.index_map.size_global + np.concatenate([d for _, d in parts])
@@ -235,7 +239,9 @@ def seen(plate):
             here = at == g
             N = oracle.shape_functions(kind, eta[here])[0]
             most = max(most, np.abs(N).sum(axis=1).max())
-            M[np.ix_(nodes, columns[master.facets[g][1]])] += functions[here].T @ (w[here, None] * N)
+            M[np.ix_(nodes, columns[master.facets[g][1]])] += functions[here].T @ (
+                w[here, None] * N
+            )
         bound[nodes] += most * (w @ np.abs(functions))
     return M, bound
 
