@@ -109,6 +109,19 @@ def test_press_fit(preconditioner, friction):
     check(count(True), count(False))
 
 
+def test_friction_costs_little():
+    """The preconditioner knows that slip turns; that friction follows the pressure it does not."""
+
+    def count(**friction):
+        solver = {"pc_type": "cholesky"}
+        p, _ = press_fit(False, 0.01, petsc_options=solver, **friction)
+        counts = iterations(p, p.solve)
+        assert p.history[-1]["slip"] > 10
+        return counts
+
+    check(count(friction=0.3), count())
+
+
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
 @pytest.mark.parametrize("friction", FRICTION)
 def test_bolted_joint(preconditioner, friction):
