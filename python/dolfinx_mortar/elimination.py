@@ -41,6 +41,8 @@ class ActiveNodes:
         couplings: The same by those of another patch at the same displacement node: rows, columns
             (multiplier nodes, shape (k,)) and blocks, shape (k, 3, 3).
         directions: Directions of the constraints of each multiplier node, shape (n, 3, 3).
+        across: What friction resists across the direction of slip: traction per weighted relative
+            motion, symmetric and not negative, shape (n, 3, 3).
         normals: Normals of the multiplier nodes, shape (n, 3); of nodes that share a displacement
             node only.
         stick: Flags of multiplier nodes that stick, shape (n,).
@@ -54,6 +56,7 @@ class ActiveNodes:
     dz: npt.NDArray[np.float64]
     couplings: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]
     directions: npt.NDArray[np.float64]
+    across: npt.NDArray[np.float64]
     normals: npt.NDArray[np.float64]
     stick: npt.NDArray[np.bool_]
 

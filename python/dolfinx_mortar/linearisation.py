@@ -128,7 +128,7 @@ def _active_nodes(coupling: Coupling) -> ActiveNodes:
     m = coupling.multipliers
     n = m.size // 3
     flags, stick = np.zeros((n, 3), dtype=bool), np.zeros(n, dtype=bool)
-    blocks, directions = np.zeros((2, n, 3, 3))
+    blocks, directions, across = np.zeros((3, n, 3, 3))
     diagonal, own, normals = np.zeros(n), np.zeros(n, dtype=np.int32), np.zeros((n, 3))
     couplings = [(np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int32), np.empty((0, 3, 3)))]
     eye = np.eye(3)
@@ -142,6 +142,8 @@ def _active_nodes(coupling: Coupling) -> ActiveNodes:
             blocks[nodes] = i._law["dz"]
             normal, sliding = i._configuration.normals[:size], i._status == SLIP
             directions[nodes][sliding] = normal[sliding, :, None] * normal[sliding, None, :]
+            if i.is_frictional:
+                across[nodes] = _across_slip(i)
             normals[nodes], stick[nodes] = normal, i._status == STICK
             c = i._law["couplings"]
             couplings.append((nodes.start + c["rows"], nodes.start + c["columns"], c["dz"]))
@@ -157,9 +159,34 @@ def _active_nodes(coupling: Coupling) -> ActiveNodes:
         dz=blocks,
         couplings=tuple(np.concatenate(c) for c in zip(*couplings)),
         directions=directions,
+        across=across,
         normals=normals,
         stick=stick,
     )
+
+
+def _across_slip(c: Contact) -> npt.NDArray[np.float64]:
+    """Stiffness of the law of friction at the owned nodes, see :class:`ActiveNodes`.
+
+    Tractions turn with the motion: a node that has just begun to slip resists a motion across its
+    direction nearly as one that sticks. Along it the traction only follows the pressure.
+    """
+    slips = c._status == SLIP
+    slips[c._law["couplings"]["rows"]] = False  # the law of an edge is one of two nodes
+    stiffness = np.zeros((c.num_owned, 3, 3))
+    normals = c._configuration.normals[: c.num_owned][slips]
+    axes = np.linalg.svd(normals[:, None, :])[2][:, 1:, :]  # two tangents as rows
+    by_z, by_w = (axes @ c._law[k][slips] @ axes.transpose(0, 2, 1) for k in ("dz", "dw"))
+    # Where slip begins the law does not depend on the traction across: the node sticks
+    least = 1e-6 * np.maximum(np.sum(by_z**2, axis=(1, 2)), 1e-300)
+    det = np.linalg.det(by_z)
+    det = np.where(np.abs(det) < least, least, det)
+    cofactors = np.trace(by_z, axis1=1, axis2=2)[:, None, None] * np.eye(2) - by_z
+    S = cofactors @ by_w / det[:, None, None]
+    values, vectors = np.linalg.eigh((S + S.transpose(0, 2, 1)) / 2)
+    S = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    stiffness[slips] = axes.transpose(0, 2, 1) @ S @ axes
+    return stiffness
 
 
 def _first_dofs(first: int, n: int, size: int = 3) -> npt.NDArray[np.int64]:

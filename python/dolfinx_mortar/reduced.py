@@ -57,10 +57,12 @@ class ReducedPreconditioner:
 
         I + W = T (I - Q B̃).
 
-    On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what ``inner``
-    inverts. Motions in the directions of the constraints follow from the constraints, node by
-    node. Dirichlet dofs are outside of all this: their rows are unit rows of the condensed system,
-    and of the preconditioner too.
+    On these the tangent is (I + W)ᵀ (K + Bᵀ S B) (I + W), as definite as K: that is what ``inner``
+    inverts. S is what friction resists across the direction of slip, which turns with the motion;
+    that friction along it follows the pressure is left out, for it is not symmetric. Motions in
+    the directions of the constraints follow from the constraints, node by node. Dirichlet dofs are
+    outside of all this: their rows are unit rows of the condensed system, and of the preconditioner
+    too.
 
     Args:
         comm: Communicator.
@@ -124,13 +126,14 @@ class ReducedPreconditioner:
         return W
 
     def _form_operator(self) -> PETSc.Mat:
-        """(I + W)ᵀ K (I + W), as K and the few entries that are to be added to it."""
+        """(I + W)ᵀ (K + Bᵀ S B) (I + W), as K and the few entries that are to be added to it."""
         s = self._s
         delta = s.K.matMult(self._W)
         more = self._W.transposeMatMult(s.K)
         WKW = self._W.transposeMatMult(delta)
         delta.axpy(1.0, more)
         delta.axpy(1.0, WKW)
+        self._add_friction(delta)
         # Unit-like entries in the constrained directions
         units = self._constrained_units()
         delta.axpy(1.0, units)
@@ -141,6 +144,26 @@ class ReducedPreconditioner:
         A.setNearNullSpace(self._modes)
         A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         return A
+
+    def _add_friction(self, A: PETSc.Mat) -> None:
+        """Add what friction resists across the directions of slip, (I + W)ᵀ Bᵀ S B (I + W)."""
+        s, nodes = self._s, self._s.nodes
+        # Springs that are stiffer than the bodies would leave out of account that pressures, and
+        # friction with them, follow the motion too
+        size = np.linalg.norm(nodes.across, axis=(1, 2)) * nodes.diagonal**2
+        most = np.abs(s.K.getDiagonal().array[nodes.own])
+        S = nodes.across * np.minimum(1.0, most / np.maximum(size, 1e-300))[:, None, None]
+        node, i, j = np.nonzero(S)
+        if not sparse.any_rank(self._comm, len(node) > 0):
+            return
+        n_z, values = nodes.size_z, S[node, i, j]
+        springs = sparse.local_entries(self._comm, n_z, n_z, 3 * node + i, 3 * node + j, values)
+        motion = s.B.matMult(self._W)
+        motion.axpy(1.0, s.B)
+        traction = springs.matMult(motion)
+        forces = motion.transposeMatMult(traction)
+        A.axpy(1.0, forces)
+        sparse.destroy(springs, motion, traction, forces)
 
     def _constrained_units(self) -> PETSc.Mat:
         """Π times the mean stiffness."""

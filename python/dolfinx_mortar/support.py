@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import numpy as np
@@ -32,6 +33,9 @@ _LEFT = 0.01
 
 #: Sides of the pyramid around the cone of friction
 _SIDES = 16
+
+#: Edges of each rank that are taken in at once, and how often; it takes some 20 times
+_TAKEN, _ROUNDS = 20, 200
 
 
 def find_sliding(problem: ContactProblem) -> str:
@@ -132,25 +136,52 @@ def is_overloaded(problem: ContactProblem) -> bool:
     """Whether contact can not balance the loads, as of the start of the last solve. Collective."""
     if problem._balance is None:
         return False
-    comm = problem.comm
-    loads, mine = problem._balance
-    all_edges = comm.gather(mine)
-    left = 0.0
-    if comm.rank == 0 and np.any(loads) and np.all(np.isfinite(loads)):
-        edges = np.concatenate(all_edges)
-        size = np.linalg.norm(edges, axis=1)
-        edges, size = edges[size > 0], size[size > 0]
-        left = _unbalanced(edges / size[:, None], loads / np.linalg.norm(loads))
-    return bool(comm.bcast(left) > _LEFT)
+    loads, edges = problem._balance
+    if not np.any(loads) or not np.all(np.isfinite(loads)):
+        return False
+    size = np.linalg.norm(edges, axis=1)
+    edges, size = edges[size > 0], size[size > 0]
+    left = _unbalanced(problem.comm, edges / size[:, None], loads / np.linalg.norm(loads))
+    return left > _LEFT
 
 
-def _unbalanced(edges: npt.NDArray[np.float64], work: npt.NDArray[np.float64]) -> float:
-    """Least sum of what no combination of edges, with factors ≥ 0, leaves over of work."""
-    identity = np.eye(len(work))
-    columns = np.hstack([edges.T, identity, -identity])
-    cost = np.repeat([0.0, 1.0], [len(edges), 2 * len(work)])
-    result = linprog(cost, A_eq=columns, b_eq=work, method="highs")
-    return result.fun if result.status == 0 else 0.0
+def _unbalanced(
+    comm: MPI.Comm, edges: npt.NDArray[np.float64], work: npt.NDArray[np.float64]
+) -> float:
+    """Least sum of what no combination of edges, with factors ≥ 0, leaves over of work. Collective.
+
+    That is the most work of the loads in a motion, no component of it larger than one, in which no
+    edge does any: few unknowns, and of the many edges few matter. Those that do most work in a
+    motion are taken in, until none is left that does any.
+
+    Args:
+        comm: Communicator.
+        edges: Edges of this rank, of unit length, shape (n, motions).
+        work: That of the loads, alike on all ranks, shape (motions,).
+    """
+    taken = np.empty((0, len(work)))
+    for _ in range(_ROUNDS):
+        motion = comm.bcast(_freest(taken, work) if comm.rank == 0 else None)
+        if motion is None:
+            break
+        rates = edges @ motion
+        # Above the tolerance of the solver, so that no edge is taken in twice
+        worst = np.flatnonzero(rates > 1e-6)
+        worst = worst[np.argsort(-rates[worst])[:_TAKEN]]
+        more = np.concatenate(comm.allgather(edges[worst]))
+        if len(more) == 0:
+            return float(work @ motion)
+        taken = np.concatenate([taken, more])
+    return 0.0  # not known: nothing is said of loads then
+
+
+def _freest(
+    edges: npt.NDArray[np.float64], work: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64] | None:
+    """Motion of most work in which no edge does any; None where there is trouble finding it."""
+    bounds = np.zeros(len(edges))
+    result = linprog(-work, A_ub=edges, b_ub=bounds, bounds=(-1.0, 1.0), method="highs")
+    return result.x if result.status == 0 else None
 
 
 def _edges(contact: Contact, relative: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
