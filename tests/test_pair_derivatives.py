@@ -78,13 +78,14 @@ def only(p, f):
 @pairings
 @integrations
 @pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
-def test_integrals(pairing, integration, multiplier):
-    """Contact force, weighted gap, weighted relative position; one node shares its function."""
+@pytest.mark.parametrize("left", [0, -1])
+def test_integrals(pairing, integration, multiplier, left):
+    """Contact force, weighted gap, position; one node shares its function, or is idle."""
     p = generic(pairing, integration)
     rng = np.random.default_rng(2)
     n, m = len(p.slave.x), len(p.master.x)
-    carries = np.ones(n, bool)
-    carries[1] = False
+    carries = np.ones(n, np.int8)
+    carries[1] = left
     z = rng.normal(size=(n, 3))
     normals = np.array([0, 0, 1]) + 0.1 * rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -119,9 +119,7 @@ class Contact(Frictional, ContactFields):
         self._blocks = None if len(np.unique(blocks)) == len(blocks) else blocks.copy()
         return surface
 
-    def _find_idle(
-        self, nodal: dict, covered: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.int8]:
+    def _find_idle(self, nodal: dict, covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.int8]:
         """Flag the nodes that masters do not touch and hardly cover.
 
         Shared among the neighbours, the gap of such a node would count as theirs: a master that

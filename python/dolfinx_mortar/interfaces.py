@@ -222,9 +222,7 @@ class Interface:
             self._data.carries = carries
         return changed
 
-    def _find_idle(
-        self, nodal: dict, covered: npt.NDArray[np.bool_]
-    ) -> npt.NDArray[np.int8]:
+    def _find_idle(self, nodal: dict, covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.int8]:
         """Flag nodes that nothing acts at: their neighbours do not take their share.
 
         Args:
