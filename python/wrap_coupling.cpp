@@ -80,6 +80,7 @@ void wrap_coupling(nb::module_& m)
                                  copy(multipliers),
                                  copy(carries),
                                  std::vector<std::int8_t>(carries.size(), 0),
+                                 std::vector<std::int8_t>(carries.size(), 0),
                                  copy(fixed)};
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space"),
@@ -102,6 +103,21 @@ void wrap_coupling(nb::module_& m)
           },
           nb::rv_policy::automatic,
           "Flags of local slave nodes that carry a multiplier")
+      .def_prop_rw(
+          "idle",
+          [](const Interface& self)
+          {
+            return as_array(std::vector<std::int8_t>(self.idle),
+                            {self.idle.size()});
+          },
+          [](Interface& self, In<std::int8_t> v)
+          {
+            check_size(v, num_slaves(self), "idle");
+            self.idle = copy(v);
+          },
+          nb::rv_policy::automatic,
+          "Flags of local slave nodes that nothing acts at where they carry no "
+          "multiplier")
       .def_prop_rw(
           "positive",
           [](const Interface& self)
@@ -175,6 +191,7 @@ void wrap_coupling(nb::module_& m)
         const std::size_t facets = r.facet_area.size();
         d["facet_area"] = as_array(std::move(r.facet_area), {facets});
         d["lost"] = as_array(std::move(r.lost), {facets});
+        d["beyond"] = as_array(std::move(r.beyond), {facets});
         d["num_orphans"] = r.num_orphans;
         d["orphan"] = r.orphan;
         return d;
@@ -229,15 +246,14 @@ void wrap_coupling(nb::module_& m)
 
   m.def(
       "flag_positive",
-      [](const Interface& interface, In<double> x, In<double> covered)
+      [](const Interface& interface, In<double> beyond)
       {
-        check_size(x, 3 * num_slaves(interface), "x");
-        check_size(covered, interface.slave.types.size(), "covered");
-        auto flags = flag_positive(interface, span(x), span(covered));
+        check_size(beyond, interface.slave.types.size(), "beyond");
+        auto flags = flag_positive(interface, span(beyond));
         const std::size_t n = flags.size();
         return as_array(std::move(flags), {n});
       },
-      nb::arg("interface"), nb::arg("x"), nb::arg("covered"),
+      nb::arg("interface"), nb::arg("beyond"),
       "Flags of nodes with positive functions. Collective.");
 
   m.def(

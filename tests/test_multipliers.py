@@ -207,3 +207,20 @@ def test_constant_traction(pairing, multiplier):
     p = random_pairing(*pairing, 3)
     r, s = p.integrate(multiplier), p.integrate("standard")
     assert np.abs(r["M"].sum(axis=0) - s["M"].sum(axis=0)).max() < 1e-13 * r["area"]
+
+
+@pairings
+def test_idle_nodes_leave_their_neighbours_alone(pairing):
+    """Whether a node that nothing acts at has a multiplier is nothing to the others."""
+    p = random_pairing(*pairing, 5)
+    n = len(p.slave.x)
+    whole = p.integrate("dual")
+    assert whole["covered"]
+    for k in range(n):
+        others = np.arange(n) != k
+        idle = p.integrate("dual", carries=np.where(others, 1, -1))
+        shared = p.integrate("dual", carries=others)
+        for name in ("D", "M", "gap", "offset"):
+            assert np.array_equal(idle[name][others], whole[name][others])
+            assert not np.any(idle[name][k])
+        assert not np.allclose(shared["gap"][others], whole["gap"][others])

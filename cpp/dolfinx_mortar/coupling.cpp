@@ -14,7 +14,7 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-/// Share of its area from which on a facet counts as covered. Segments on
+/// Share of the area from which on a facet counts as covered. Segments on
 /// curved facets leave seams of some per mille; 0.9 and 0.995 give the same
 /// iterations in the demo of sliding shells.
 constexpr double whole = 0.97;
@@ -71,6 +71,11 @@ void for_each_facet(const Interface& interface, const Configuration& conf,
       gather(nodes, std::span<const double>(conf.normals.n), 3, n);
       gather(nodes, std::span<const std::int8_t>(interface.carries), 1,
              carries);
+      for (std::size_t i = 0; i < nodes.size(); ++i)
+      {
+        if (carries[i] == 0 and interface.idle[nodes[i]] != 0)
+          carries[i] = -1;
+      }
       gather(nodes, std::span<const std::int8_t>(interface.positive), 1,
              positive);
       const FacetIntegrals& r = integrator.compute(
@@ -114,6 +119,7 @@ Interface dolfinx_mortar::create_interface(Surface slave, Surface master,
           std::move(multipliers),
           std::move(carries),
           std::vector<std::int8_t>(num, 0),
+          std::vector<std::int8_t>(num, 0),
           std::vector<std::int8_t>(3 * num, 0)};
 }
 //-----------------------------------------------------------------------------
@@ -143,6 +149,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
   out.lost.resize(s.types.size(), 0.0);
+  out.beyond.resize(s.types.size(), 0.0);
   BlockAccumulator<1, 1> D, M, B, B_tilde;
   std::vector<std::int64_t> rows, columns;
   for_each_facet(interface, configuration, z, {}, Derivatives::none,
@@ -169,6 +176,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
                      return;
                    out.area += r.area;
                    out.facet_area[f] = r.area;
+                   out.beyond[f] = r.beyond;
                    ++out.num_covered;
                    out.num_pairs += configuration.candidates.offsets[f + 1]
                                     - configuration.candidates.offsets[f];
@@ -414,8 +422,7 @@ std::vector<double> dolfinx_mortar::nodal_weights(const Interface& interface,
 //-----------------------------------------------------------------------------
 std::vector<std::int8_t>
 dolfinx_mortar::flag_positive(const Interface& interface,
-                              std::span<const double> x,
-                              std::span<const double> covered)
+                              std::span<const double> beyond)
 {
   const Surface& s = interface.slave;
   const std::int32_t num = num_local_nodes(s);
@@ -424,33 +431,12 @@ dolfinx_mortar::flag_positive(const Interface& interface,
     return flags;
 
   // Nodes of facets that are not covered as a whole
-  std::map<FacetType, QuadratureRule> rules;
   std::vector<std::int32_t> open(num, 0);
-  Shapes shapes;
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
-    const FacetType type = s.types[f];
-    auto [it, made] = rules.try_emplace(type);
-    if (made)
-      it->second = create_rule(num_corners(type), 2 * total_degree(type));
-    auto nodes = facet_nodes(s, f);
-    double area = 0;
-    for (std::size_t q = 0; q < it->second.weights.size(); ++q)
+    if (beyond[f] > 1 - whole)
     {
-      tabulate(type, {it->second.points[2 * q], it->second.points[2 * q + 1]},
-               1, shapes);
-      Eigen::Vector3d a1 = Eigen::Vector3d::Zero(), a2 = a1;
-      for (std::size_t k = 0; k < nodes.size(); ++k)
-      {
-        const Eigen::Map<const Eigen::Vector3d> xk(x.data() + 3 * nodes[k]);
-        a1 += shapes.dN[0][k] * xk;
-        a2 += shapes.dN[1][k] * xk;
-      }
-      area += it->second.weights[q] * a1.cross(a2).norm();
-    }
-    if (covered[f] > 0 and covered[f] < whole * area)
-    {
-      for (auto k : nodes)
+      for (auto k : facet_nodes(s, f))
         open[k] = 1;
     }
   }

@@ -37,6 +37,11 @@ struct Interface
   /// Non-zero for local slave nodes that carry a multiplier
   std::vector<std::int8_t> carries;
 
+  /// Non-zero for local slave nodes at which nothing acts if they carry no
+  /// multiplier; the functions of others without one are shared among their
+  /// neighbours
+  std::vector<std::int8_t> idle;
+
   /// Non-zero for local slave nodes with positive functions, see
   /// transformation
   std::vector<std::int8_t> positive;
@@ -110,6 +115,10 @@ struct NodalIntegrals
   /// Share of each facet of this rank that is left out and that no other master
   /// covers, shape (num_facets)
   std::vector<double> lost;
+
+  /// Share of the parts of each facet of this rank that face the masters that
+  /// lies beyond the edge of these, shape (num_facets)
+  std::vector<double> beyond;
 
   /// Non-zero for nodes around which some point is nearly in contact. The
   /// weighted gap of other nodes can be negative all the same, as Φ is in
@@ -201,15 +210,18 @@ void insert_transformation(const Interface& interface, bool inverse, Mat T);
 std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const double> x);
 
-/// @brief Flag the nodes that get positive functions: those of facets that
-/// masters cover in part, and of all facets around them. Collective.
+/// @brief Flag the nodes that get positive functions: those of facets that the
+/// edge of a master crosses, and of all facets around them. Collective.
+///
+/// Parts that are too steep for the masters do not count. They are off contact,
+/// as on the side of a fillet, but the facets around them may be in contact,
+/// and a change of their functions is a jump of forces and gaps.
 /// @param[in] interface Interface.
-/// @param[in] x Positions of the local slave nodes, shape (n, 3).
-/// @param[in] covered Covered area of each facet, see NodalIntegrals.
+/// @param[in] beyond Share of each facet beyond the masters' edges, see
+/// NodalIntegrals.
 /// @return Flag of each local slave node, shape (n).
 std::vector<std::int8_t> flag_positive(const Interface& interface,
-                                       std::span<const double> x,
-                                       std::span<const double> covered);
+                                       std::span<const double> beyond);
 
 /// @brief Add dense blocks to a matrix.
 /// @param[in,out] A Matrix.

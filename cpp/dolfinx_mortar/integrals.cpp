@@ -87,23 +87,24 @@ Eigen::Vector3d normal(const FacetView& f)
 }
 
 /// Matrix X that extends values at nodes with multipliers to all multiplier
-/// nodes of the space (rows): the mean of the former at the others.
+/// nodes of the space (rows): the mean of the former at the others, zero at
+/// those that are left out.
 RowMatrix extension(std::span<const std::int8_t> carries, int num_lambda)
 {
   const int n = carries.size();
   RowMatrix X = RowMatrix::Zero(num_lambda, n);
   const int kept = std::count_if(carries.begin(), carries.begin() + num_lambda,
-                                 [](auto c) { return c != 0; });
+                                 [](auto c) { return c > 0; });
   if (kept == 0)
     return X;
   for (int j = 0; j < num_lambda; ++j)
   {
-    if (carries[j])
+    if (carries[j] > 0)
       X(j, j) = 1;
-    else
+    else if (carries[j] == 0)
     {
       for (int k = 0; k < num_lambda; ++k)
-        X(j, k) = carries[k] ? 1.0 / kept : 0.0;
+        X(j, k) = carries[k] > 0 ? 1.0 / kept : 0.0;
     }
   }
   return X;
@@ -156,6 +157,7 @@ void FacetIntegrator::start(const FacetView& slave,
   _result.volume = 0;
   _result.dropped_area = 0;
   _result.lost = 0;
+  _result.beyond = 0;
 
   _facet.slave = slave;
   _facet.slave.origin = centre(slave.x);
@@ -478,6 +480,20 @@ void FacetIntegrator::find_touching()
   }
 }
 //-----------------------------------------------------------------------------
+double FacetIntegrator::beyond_share() const
+{
+  const Vec3 normal = _result.master_normal.colwise().sum();
+  const double limit = AngleLimits(_options.max_angle).part * normal.norm();
+  double facing = 0;
+  for (const SubFacet& sub : sub_facets(_facet.slave.type))
+  {
+    const LinearPart part(_facet.slave, sub);
+    if (-normal.dot(part.n) >= limit)
+      facing += part.size == 3 ? 0.5 * part.norm_c : part.norm_c;
+  }
+  return facing > 0 ? std::clamp(1 - _result.area / facing, 0.0, 1.0) : 0.0;
+}
+//-----------------------------------------------------------------------------
 bool FacetIntegrator::factorise()
 {
   _facet.mass = _result.coverage.head(_facet.nl);
@@ -507,7 +523,7 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> carries)
         or (_facet.nonnegative and !(d.minCoeff() > 0)))
       return false;
     for (int j = 0; j < nl; ++j)
-      r.diagonal[j] = carries[j] ? D(j, j) : 0.0;
+      r.diagonal[j] = carries[j] > 0 ? D(j, j) : 0.0;
   }
 
   // Then for those that carry a multiplier
@@ -568,6 +584,7 @@ const FacetIntegrals& FacetIntegrator::compute(
     return _result;
   }
   _result.lost = lost_share();
+  _result.beyond = beyond_share();
   find_touching();
   _facet.X = extension(carries, _facet.nl);
   if (_facet.X.isZero(0))

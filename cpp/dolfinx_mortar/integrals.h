@@ -49,6 +49,10 @@ struct FacetIntegrals
   /// Share of the facet's area that is left out and that no other master covers
   double lost = 0;
 
+  /// Share of the parts of the facet that face the masters (see max_angle) that
+  /// lies beyond the edge of these
+  double beyond = 0;
+
   /// Integral of the gap over the covered part: the volume between the surfaces
   double volume = 0;
 
@@ -106,7 +110,8 @@ public:
   ///
   /// @param[in] slave Slave facet.
   /// @param[in] normals Averaged normals of its nodes, shape (n, 3).
-  /// @param[in] carries Non-zero for nodes that carry a multiplier, shape (n).
+  /// @param[in] carries Shape (n): 1 for nodes that carry a multiplier, 0 for
+  /// those whose function the others share, -1 for those that nothing acts at.
   /// The functions Φ of the other multiplier nodes of the space are shared
   /// equally among those.
   /// @param[in] positive Flags of nodes for the basis transformation, see
@@ -223,6 +228,10 @@ private:
   /// @brief Find the nodes around which the facet touches a master; after
   /// integrate_products.
   void find_touching();
+
+  /// @brief Share of the parts that face the masters that no master covers;
+  /// after integrate_products.
+  double beyond_share() const;
 
   /// @brief Coefficients A_e = D_e M_e⁻¹ of the dual functions (equations 4.7,
   /// 4.15), as D_e and the factors of M_e.

@@ -119,6 +119,18 @@ class Contact(Frictional, ContactFields):
         self._blocks = None if len(np.unique(blocks)) == len(blocks) else blocks.copy()
         return surface
 
+    def _find_idle(self, nodal: dict, covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.int8]:
+        """Flag the nodes that masters do not touch and hardly cover.
+
+        Shared among the neighbours, the gap of such a node would count as theirs: a master that
+        comes under the side of a fillet would lift the nodes that it rests on. Left out, the node
+        is open, as it is with a multiplier once it is covered.
+        """
+        if self.geometry == "reference":  # gaps are not those of the nodal integrals
+            return super()._find_idle(nodal, covered)
+        distant = np.asarray(nodal["near"]) == 0
+        return (self._candidates.astype(bool) & ~covered & distant).astype(np.int8)
+
     def _drop_repeated(self, nodal: dict, carries: npt.NDArray[np.int8]) -> None:
         """Of patches that meet the same master surface at a node the one that faces it best stays.
 
@@ -208,7 +220,7 @@ class Contact(Frictional, ContactFields):
             self._scale if self.is_frictional else None,
             self._c_n,
             self._c_t,
-            self._data.carries[:n] * (~self._barred & (self._nodal["coverage"][:n] != 0)),
+            self._data.carries[:n] * (~self._barred & (self._nodal["coverage"][:n] > 0)),
             np.ascontiguousarray(self._fixed[:n]),
             arguments.value(self._friction) or 0.0,
             arguments.value(self._tresca),

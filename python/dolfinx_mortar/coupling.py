@@ -197,7 +197,12 @@ class Coupling:
         """What :meth:`restore` brings back."""
         # None of these is changed in place
         contacts = [
-            (c, {k: getattr(c, k) for k in _STATE if hasattr(c, k)}, c._data.carries)
+            (
+                c,
+                {k: getattr(c, k) for k in _STATE if hasattr(c, k)},
+                c._data.carries,
+                c._data.idle,
+            )
             for c in self.contacts
         ]
         return self._accepted, contacts, [i._data.positive for i in self.interfaces]
@@ -213,10 +218,10 @@ class Coupling:
                 i._set_positive(positive)
                 changed.append(i)
         self._change_basis(changed)
-        for c, values, carries in contacts:
+        for c, values, carries, idle in contacts:
             for name, value in values.items():
                 setattr(c, name, value)
-            c._data.carries = carries
+            c._data.carries, c._data.idle = carries, idle
 
     def _release_matrices(self) -> None:
         """Forget matrices of earlier states."""

