@@ -137,3 +137,18 @@ def random_pairing(
         rng=rng,
     )
     return Pairing(slave, master)
+
+
+def beyond_an_edge(kind: str) -> Pairing:
+    """A second-order facet with an edge curved inwards, covered almost only outside of this edge.
+
+    There its linear parts reach beyond it.
+    """
+    reference = oracle.REFERENCE_NODES[kind]
+    x = np.column_stack([reference, np.zeros(len(reference))])
+    x[np.all(reference == [0.5, 0], axis=1), 1] = 0.24
+    master = [[0.08, -0.5, 0.02], [0.82, -0.5, 0.03], [0.08, 0.23, 0.02], [0.82, 0.233, 0.01]]
+    return Pairing(
+        oracle.Surface(x, [(kind, np.arange(len(x)))], np.array([1.0])),
+        oracle.Surface(np.array(master), [("quad4", np.arange(4))], np.array([-1.0])),
+    )

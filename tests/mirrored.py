@@ -113,6 +113,18 @@ def punch(elements: tuple[str, str], base: bool = False) -> list[Layer]:
     return layers + base * [Layer("hex8", 0.75, (2, 2, 1), (level(0.0), level(0.5)))]
 
 
+def crossed_cylinders(elements: tuple[str, str]) -> list[Layer]:
+    """Layers with cylinders for surfaces, the upper one along the y axis, the lower along x."""
+
+    def sag(x):
+        return 1.5 - np.sqrt(1.5**2 - x**2)
+
+    return [
+        Layer(elements[0], 0.5, (4, 2, 1), (lambda x, y: 1 + sag(x), level(1.6))),
+        Layer(elements[1], 0.75, (3, 6, 1), (level(0.5), lambda x, y: 1 - sag(y))),
+    ]
+
+
 def model(
     layers: list[Layer],
     kinds: list[tuple[type, dict]],

@@ -409,7 +409,11 @@ Rule = tuple[np.ndarray, np.ndarray]
 
 
 def segment_points(
-    slave: Surface, master: Surface, points: int = 12, rule: Rule | None = None
+    slave: Surface,
+    master: Surface,
+    points: int = 12,
+    rule: Rule | None = None,
+    max_angle: float = 90.0,
 ) -> list[FacetPoints]:
     """Integration points of the segment variant, defined at the head of this file.
 
@@ -418,11 +422,14 @@ def segment_points(
         master: Master surface.
         points: Gauss points per direction on each triangle of a clipped polygon.
         rule: Another rule on the reference triangle, points and weights, instead.
+        max_angle: Sub-facets of the master whose normals are further than this [degrees] from
+            opposing the slave's are left out.
 
     Returns:
         One entry per slave facet.
     """
     rule, rule_weights = rule or gauss_triangle(points)
+    limit = -np.cos(np.radians(max_angle)) if max_angle < 90 else 0.0
     master_subs = []
     for f in range(len(master.facets)):
         kind, _, x, sign = master.facet(f)
@@ -441,7 +448,7 @@ def segment_points(
             low = np.min([p.min(axis=0) for p in pieces], axis=0)
             high = np.max([p.max(axis=0) for p in pieces], axis=0)
             for g, master_sub, normal in master_subs:
-                if n0 @ normal >= 0:
+                if n0 @ normal >= limit:
                     continue
                 m_kind, _, m_x, _ = master.facet(g)
                 polygon = (m_x[_cyclic(master_sub)] - x0) @ axes.T

@@ -181,8 +181,8 @@ def test_interfaces(surfaces):
     refuses(cpp.nodal_weights, {"interface": interface, "x": xs}, {"x": [xs[:-1]]})
     refuses(
         cpp.flag_positive,
-        {"interface": interface, "x": xs, "covered": np.ones(s.num_facets)},
-        {"x": [xs[:-1]], "covered": [np.ones(s.num_facets - 1)]},
+        {"interface": interface, "beyond": np.zeros(s.num_facets)},
+        {"beyond": [np.zeros(s.num_facets - 1)]},
     )
 
 

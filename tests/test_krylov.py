@@ -11,8 +11,9 @@ import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from blocks import NU, E
+from bolted import bolted_joint
 from corner import corner
-from mirrored import model, punch
+from mirrored import crossed_cylinders, model, punch
 from press_fit import press_fit
 
 PRECONDITIONERS = ("cholesky", "gamg")
@@ -53,6 +54,36 @@ def test_punch(preconditioner, friction):
 
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
 @pytest.mark.parametrize("friction", FRICTION)
+def test_crossed_cylinders(preconditioner, friction):
+    def count(planes):
+        kinds = [(dm.Contact, FRICTION[friction])]
+        solver = {"pc_type": preconditioner}
+        m = model(crossed_cylinders(("hex20", "hex8")), kinds, planes, petsc_options=solver)
+        return iterations(m.problem, lambda: m.press(0.08))
+
+    check(count((0, 1)), count(()))
+
+
+@pytest.mark.parametrize("planes", [(0, 1), (1,)], ids=["quarter", "half"])
+@pytest.mark.parametrize("layers", [punch, crossed_cylinders])
+def test_part_and_whole_are_one_problem(layers, planes):
+    """Where a part has the very equations of the whole, a solver takes the same course.
+
+    Segments end at a plane of symmetry, which makes the equations differ a little, and Newton's
+    iterates with them; an exact factorisation leaves nothing but the preconditioner to differ.
+    """
+
+    def count(planes):
+        kinds = [(dm.Contact, {"integration": "element"})]
+        solver = {"pc_type": "cholesky"}
+        m = model(layers(("hex20", "hex8")), kinds, planes, petsc_options=solver)
+        return iterations(m.problem, lambda: m.press(0.08))
+
+    np.testing.assert_allclose(count(planes), count(()), rtol=0, atol=1)
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+@pytest.mark.parametrize("friction", FRICTION)
 def test_several_interfaces(preconditioner, friction):
     """A second interface, tied or with friction, ends at the planes as well."""
 
@@ -74,6 +105,35 @@ def test_press_fit(preconditioner, friction):
         solver = {"pc_type": preconditioner}
         p, _ = press_fit(quarter, 0.01, petsc_options=solver, **FRICTION[friction])
         return iterations(p, p.solve)
+
+    check(count(True), count(False))
+
+
+def test_friction_costs_little():
+    """The preconditioner knows that slip turns; that friction follows the pressure it does not."""
+
+    def count(**friction):
+        solver = {"pc_type": "cholesky"}
+        p, _ = press_fit(False, 0.01, petsc_options=solver, **friction)
+        counts = iterations(p, p.solve)
+        assert p.history[-1]["slip"] > 10
+        return counts
+
+    check(count(friction=0.3), count())
+
+
+@pytest.mark.parametrize("preconditioner", PRECONDITIONERS)
+@pytest.mark.parametrize("friction", FRICTION)
+def test_bolted_joint(preconditioner, friction):
+    """Three interfaces, two of them of one bolt, which nothing but contact holds along its axis."""
+
+    def count(quarter):
+        solver = {"pc_type": preconditioner}
+        p, contacts = bolted_joint(quarter, 0.02 * E, petsc_options=solver, **FRICTION[friction])
+        counts = iterations(p, p.solve)
+        head, nut, plates = (c.force[2] for c in contacts)
+        assert head > 0 and np.allclose([-nut, plates], head, rtol=1e-6)
+        return counts
 
     check(count(True), count(False))
 

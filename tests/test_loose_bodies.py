@@ -12,6 +12,7 @@ import ufl
 from blocks import NU, E
 from dolfinx import fem
 from dolfinx_mortar import support
+from scipy.optimize import linprog
 from test_bad_contact import Blocks, refused
 
 comm = MPI.COMM_WORLD
@@ -149,6 +150,31 @@ def test_what_friction_can_balance(friction, force, overloaded):
     block.load.value[:] = *force, -10.0
     refused(block, "did not converge")
     assert support.is_overloaded(block.problem) == overloaded
+
+
+@pytest.mark.parametrize("loads", ["friction", "anything"])
+def test_balance_by_a_linear_program_of_all_edges(loads):
+    """The few edges that are taken in, from all ranks, decide as all of them together do."""
+    rng = np.random.default_rng(3)
+    normals = rng.normal(size=(300, 3)) * [0.3, 0.2, 0.0] + [0, 0, 1]
+    tractions = normals + 0.2 * rng.normal(size=(300, 3))
+    edges = np.hstack([tractions, np.cross(rng.normal(size=(300, 3)), tractions)])
+    edges /= np.linalg.norm(edges, axis=1)[:, None]
+    mine = edges[comm.rank :: comm.size] if comm.rank < 2 else edges[:0]
+    every = np.concatenate(comm.allgather(mine))
+    identity = np.eye(6)
+    columns = np.hstack([every.T, identity, -identity])
+    cost = np.repeat([0.0, 1.0], [len(every), 12])
+    left = []
+    for _ in range(20):
+        work = rng.normal(size=6)
+        if loads == "friction":
+            work = 2 * work + (rng.random(300) < 0.02) @ edges
+        work /= np.linalg.norm(work)
+        left.append(support._unbalanced(comm, mine, work))
+        expected = linprog(cost, A_eq=columns, b_eq=work, method="highs").fun
+        assert left[-1] == pytest.approx(expected, abs=1e-6)
+    assert min(left) < (1e-6 if loads == "friction" else 1) and max(left) > 0.1
 
 
 def test_springs_hold_a_block_that_slips():

@@ -6,7 +6,7 @@ import numpy as np
 import oracle
 import pytest
 from dolfinx_mortar import cpp
-from facet_pairs import PAIRINGS, SPACE, TYPE, Pairing, random_pairing
+from facet_pairs import PAIRINGS, SPACE, TYPE, Pairing, beyond_an_edge, random_pairing
 
 pytestmark = pytest.mark.serial
 DUAL = ("dual", "dual-linear")
@@ -127,6 +127,32 @@ def test_positive_functions_on_partly_covered_facets(pairing, integration):
         assert np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() < 1e-13 * area
 
 
+@pytest.mark.parametrize("kind", ["tri6", "quad8", "quad9"])
+def test_no_negative_weights_beyond_an_edge(kind):
+    """Functions are negative there: such points are left out where they would outweigh the rest."""
+    p = beyond_an_edge(kind)
+    flags = np.ones(len(p.slave.x), np.int8)
+    points = p.points("segment", 12)
+    xi, w = points["xi"], points["w"]
+    T = cpp.transformation(SPACE["dual"], TYPE[kind], flags)
+    assert (w @ oracle.shape_functions(kind, xi)[0] @ T).min() < 0
+    inside = xi.min(axis=1) >= 0
+    assert 0.1 * w.sum() < w[inside].sum() < 0.9 * w.sum()
+    r = p.integrate("dual", degree=12, positive=flags)
+    expected = w[inside] @ oracle.shape_functions(kind, xi[inside])[0] @ T
+    assert r["coverage"] == pytest.approx(expected, rel=1e-10)
+    assert r["diagonal"] == pytest.approx(r["coverage"], rel=1e-10)
+    assert r["diagonal"].min() > 0
+    assert r["area"] == pytest.approx(w[inside].sum(), rel=1e-12)
+    assert r["dropped_area"] == pytest.approx(w[~inside].sum(), rel=1e-12)
+    assert r["lost"] > 0
+    # Where no point is left, the facet is not covered
+    p.master.x[:, 0] = [0.4, 0.6, 0.4, 0.6]
+    r = p.integrate("dual", degree=12, positive=flags)
+    assert not r["covered"] and r["area"] == 0
+    assert r["dropped_area"] == pytest.approx(p.points("segment", 12)["w"].sum(), rel=1e-12)
+
+
 @pairings
 @multipliers
 @integrations
@@ -181,3 +207,20 @@ def test_constant_traction(pairing, multiplier):
     p = random_pairing(*pairing, 3)
     r, s = p.integrate(multiplier), p.integrate("standard")
     assert np.abs(r["M"].sum(axis=0) - s["M"].sum(axis=0)).max() < 1e-13 * r["area"]
+
+
+@pairings
+def test_idle_nodes_leave_their_neighbours_alone(pairing):
+    """Whether a node that nothing acts at has a multiplier is nothing to the others."""
+    p = random_pairing(*pairing, 5)
+    n = len(p.slave.x)
+    whole = p.integrate("dual")
+    assert whole["covered"]
+    for k in range(n):
+        others = np.arange(n) != k
+        idle = p.integrate("dual", carries=np.where(others, 1, -1))
+        shared = p.integrate("dual", carries=others)
+        for name in ("D", "M", "gap", "offset"):
+            assert np.array_equal(idle[name][others], whole[name][others])
+            assert not np.any(idle[name][k])
+        assert not np.allclose(shared["gap"][others], whole["gap"][others])

@@ -10,7 +10,7 @@ import numpy as np
 import oracle
 import pytest
 from dolfinx_mortar import cpp
-from facet_pairs import PAIRINGS, Pairing, random_pairing
+from facet_pairs import PAIRINGS, Pairing, beyond_an_edge, random_pairing
 
 pytestmark = pytest.mark.serial
 pairings = pytest.mark.parametrize("pairing", PAIRINGS, ids="-".join)
@@ -78,17 +78,29 @@ def only(p, f):
 @pairings
 @integrations
 @pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
-def test_integrals(pairing, integration, multiplier):
-    """Contact force, weighted gap, weighted relative position; one node shares its function."""
-    p = generic(pairing, integration)
+@pytest.mark.parametrize("left", [0, -1])
+def test_integrals(pairing, integration, multiplier, left):
+    """Contact force, weighted gap, position; one node shares its function, or is idle."""
+    check(generic(pairing, integration), multiplier, integration=integration, left=left)
+
+
+@pytest.mark.parametrize("kind", ["tri6", "quad8", "quad9"])
+def test_points_left_out_beyond_an_edge(kind):
+    """The same where the points beyond the slave facet are left out."""
+    p = beyond_an_edge(kind)
+    check(p, "dual", positive=np.ones(len(p.slave.x), np.int8), degree=12)
+
+
+def check(p, multiplier, left=0, **same):
+    """Compare all derivatives of the integrals of a pairing with difference quotients."""
     rng = np.random.default_rng(2)
     n, m = len(p.slave.x), len(p.master.x)
-    carries = np.ones(n, bool)
-    carries[1] = False
+    carries = np.ones(n, np.int8)
+    carries[1] = left
     z = rng.normal(size=(n, 3))
     normals = np.array([0, 0, 1]) + 0.1 * rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    same = {"integration": integration, "carries": carries}
+    same["carries"] = carries
     r = p.integrate(
         multiplier, normals=normals, z=z, derivatives=cpp.Derivatives.gap_and_slip, **same
     )

@@ -19,15 +19,18 @@ std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const double> x);
 
 /// @brief Flag the nodes that get functions which are nowhere negative: those
-/// of facets that masters cover in part, and of all facets around them.
+/// of facets that the edge of a master crosses, and of all facets around them.
 /// Collective.
+///
+/// Parts that are too steep for the masters do not count. They are off contact,
+/// as on the side of a fillet, but the facets around them may be in contact,
+/// and a change of their functions is a jump of forces and gaps.
 /// @param[in] interface Interface.
-/// @param[in] x Positions of the local slave nodes, shape (n, 3).
-/// @param[in] covered Covered area of each facet, see NodalIntegrals.
+/// @param[in] beyond Share of each facet beyond the masters' edges, see
+/// NodalIntegrals.
 /// @return Flag of each local slave node, shape (n).
 std::vector<std::int8_t> flag_nonnegative(const Interface& interface,
-                                          std::span<const double> x,
-                                          std::span<const double> covered);
+                                          std::span<const double> beyond);
 
 /// @brief Insert the basis transformation T, or its inverse, of the slave nodes
 /// (displacements by displacements); other rows are not touched. Collective.

@@ -65,6 +65,11 @@ void for_each_facet(const Interface& interface, const Basis& basis,
       gather(nodes, std::span<const double>(configuration.normals.n), 3, n);
       gather(nodes, std::span<const std::int8_t>(basis.has_multiplier), 1,
              has_multiplier);
+      for (std::size_t i = 0; i < nodes.size(); ++i)
+      {
+        if (has_multiplier[i] == 0 and basis.idle[nodes[i]] != 0)
+          has_multiplier[i] = -1;
+      }
       gather(nodes, std::span<const std::int8_t>(basis.nonnegative), 1,
              nonnegative);
       const FacetIntegrals& r = integrator.compute(

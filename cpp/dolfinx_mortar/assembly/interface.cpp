@@ -43,8 +43,8 @@ Interface dolfinx_mortar::create_interface(Surface slave, Surface master,
 //-----------------------------------------------------------------------------
 Basis dolfinx_mortar::create_basis(const Interface& interface)
 {
-  return {interface.candidates,
-          std::vector<std::int8_t>(interface.candidates.size(), 0)};
+  const std::vector<std::int8_t> none(interface.candidates.size(), 0);
+  return {interface.candidates, none, none};
 }
 //-----------------------------------------------------------------------------
 Configuration dolfinx_mortar::configure(const Interface& interface,

@@ -55,6 +55,10 @@ struct Basis
   /// transformation
   std::vector<std::int8_t> nonnegative;
 
+  /// Non-zero for local slave nodes without a multiplier at which nothing acts;
+  /// the functions of others without one are shared among their neighbours
+  std::vector<std::int8_t> idle;
+
   bool operator==(const Basis&) const = default;
 };
 

@@ -95,6 +95,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
   out.lost.resize(s.types.size(), 0.0);
+  out.beyond.resize(s.types.size(), 0.0);
   std::vector<std::int64_t> rows, columns;
   auto use = [&](std::int32_t f, std::span<const std::int32_t> nodes,
                  const FacetIntegrals& r)
@@ -107,6 +108,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
       return;
     out.area += r.area;
     out.facet_area[f] = r.area;
+    out.beyond[f] = r.beyond;
     ++out.num_covered;
     out.num_pairs += configuration.candidates.offsets[f + 1]
                      - configuration.candidates.offsets[f];

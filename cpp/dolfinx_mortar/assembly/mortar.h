@@ -39,6 +39,10 @@ struct NodalIntegrals
   /// covers, shape (num_facets)
   std::vector<double> lost;
 
+  /// Share of the parts of each facet of this rank that face the masters that
+  /// lies beyond the edge of these, shape (num_facets)
+  std::vector<double> beyond;
+
   /// Non-zero for nodes around which some point is nearly in contact. The
   /// weighted gap of other nodes can be negative all the same, as Φ is in
   /// places; that is no contact. Shape (n)

@@ -87,23 +87,24 @@ Eigen::Vector3d normal(const FacetView& f)
 }
 
 /// Matrix X that extends values at nodes with multipliers to all multiplier
-/// nodes of the space (rows): the mean of the former at the others.
+/// nodes of the space (rows): the mean of the former at the others, zero at
+/// those that are left out.
 RowMatrix extension(std::span<const std::int8_t> carries, int num_lambda)
 {
   const int n = carries.size();
   RowMatrix X = RowMatrix::Zero(num_lambda, n);
   const int kept = std::count_if(carries.begin(), carries.begin() + num_lambda,
-                                 [](auto c) { return c != 0; });
+                                 [](auto c) { return c > 0; });
   if (kept == 0)
     return X;
   for (int j = 0; j < num_lambda; ++j)
   {
-    if (carries[j])
+    if (carries[j] > 0)
       X(j, j) = 1;
-    else
+    else if (carries[j] == 0)
     {
       for (int k = 0; k < num_lambda; ++k)
-        X(j, k) = carries[k] ? 1.0 / kept : 0.0;
+        X(j, k) = carries[k] > 0 ? 1.0 / kept : 0.0;
     }
   }
   return X;
@@ -156,6 +157,7 @@ void FacetIntegrator::start(const FacetView& slave,
   _result.volume = 0;
   _result.dropped_area = 0;
   _result.lost = 0;
+  _result.beyond = 0;
 
   _facet.slave = slave;
   _facet.slave.origin = centre(slave.x);
@@ -257,6 +259,8 @@ void FacetIntegrator::number_masters(const FacetList& list,
                                      std::span<const std::int32_t> masters)
 {
   std::vector<std::int64_t>& blocks = _result.master_blocks;
+  blocks.clear();
+  _result.dropped_area = 0;
   _facet.pairs.clear();
   _facet.columns.resize(std::max(_facet.columns.size(), masters.size()));
   for (std::size_t p = 0; p < masters.size(); ++p)
@@ -276,6 +280,40 @@ void FacetIntegrator::number_masters(const FacetList& list,
     }
   }
   _facet.m = blocks.size();
+}
+//-----------------------------------------------------------------------------
+void FacetIntegrator::keep_inside()
+{
+  for (int p : _facet.pairs)
+  {
+    PairPoints& points = _points[p];
+    const std::size_t before = points.w.size(), nd = points.d.size() / before;
+    auto move = [](std::vector<double>& v, std::size_t size, std::size_t from,
+                   std::size_t to)
+    { std::copy_n(v.begin() + size * from, size, v.begin() + size * to); };
+    std::size_t after = 0;
+    for (std::size_t q = 0; q < before; ++q)
+    {
+      if (!in_reference(_facet.slave.type,
+                        {points.xi[2 * q], points.xi[2 * q + 1]}, 0))
+      {
+        points.dropped_area += points.w[q];
+        continue;
+      }
+      if (after < q)
+      {
+        move(points.xi, 2, q, after);
+        move(points.eta, 2, q, after);
+        move(points.w, 1, q, after);
+        move(points.d, nd, q, after);
+      }
+      ++after;
+    }
+    points.xi.resize(2 * after);
+    points.eta.resize(2 * after);
+    points.w.resize(after);
+    points.d.resize(nd * after);
+  }
 }
 //-----------------------------------------------------------------------------
 void FacetIntegrator::tabulate_shapes(FacetType master,
@@ -383,6 +421,8 @@ double FacetIntegrator::integrate_products(bool derivatives)
   _facet.b.setZero(nl, 4);
   _result.coverage.setZero(_facet.n);
   _result.master_normal.setZero(_facet.n, 3);
+  _result.area = 0;
+  _result.volume = 0;
   double nearest = std::numeric_limits<double>::max();
   RowMatrix WN;
   for (int p : _facet.pairs)
@@ -440,6 +480,20 @@ void FacetIntegrator::find_touching()
   }
 }
 //-----------------------------------------------------------------------------
+double FacetIntegrator::beyond_share() const
+{
+  const Vec3 normal = _result.master_normal.colwise().sum();
+  const double limit = AngleLimits(_options.max_angle).part * normal.norm();
+  double facing = 0;
+  for (const SubFacet& sub : sub_facets(_facet.slave.type))
+  {
+    const LinearPart part(_facet.slave, sub);
+    if (-normal.dot(part.n) >= limit)
+      facing += part.size == 3 ? 0.5 * part.norm_c : part.norm_c;
+  }
+  return facing > 0 ? std::clamp(1 - _result.area / facing, 0.0, 1.0) : 0.0;
+}
+//-----------------------------------------------------------------------------
 bool FacetIntegrator::factorise()
 {
   _facet.mass = _result.coverage.head(_facet.nl);
@@ -464,10 +518,12 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> carries)
     // to round-off
     D.leftCols(nl).setZero();
     D.leftCols(nl).diagonal() = M.rowwise().sum();
-    if ((D.diagonal().head(nl).array() * _facet.mass.array() < 0).any())
+    const Eigen::ArrayXd d = D.diagonal().head(nl);
+    if ((d * _facet.mass.array() < 0).any()
+        or (_facet.nonnegative and !(d.minCoeff() > 0)))
       return false;
     for (int j = 0; j < nl; ++j)
-      r.diagonal[j] = carries[j] ? D(j, j) : 0.0;
+      r.diagonal[j] = carries[j] > 0 ? D(j, j) : 0.0;
   }
 
   // Then for those that carry a multiplier
@@ -498,7 +554,24 @@ const FacetIntegrals& FacetIntegrator::compute(
 
   _facet.T = transformation(_options.space, slave.type, positive);
   _facet.T_inv = inverse_transformation(_options.space, slave.type, positive);
-  const double nearest = integrate_products(derive);
+  _facet.nonnegative = is_nonnegative(_options.space, slave.type, positive);
+  double nearest = integrate_products(derive);
+  // A linear part reaches beyond a facet whose edge is curved inwards. What
+  // lies there is kept as a rule, since a neighbour lacks it, although
+  // functions change their sign there. Where nothing else is covered, or too
+  // little to outweigh it, the weight of a node would be negative.
+  if (_facet.nonnegative and !(_result.coverage.head(_facet.nl).minCoeff() > 0))
+  {
+    keep_inside();
+    number_masters(list, masters);
+    if (_facet.pairs.empty())
+    {
+      leave_out();
+      _result.lost = lost_share();
+      return _result;
+    }
+    nearest = integrate_products(derive);
+  }
   if (distant(nearest))
   {
     _result.dropped_area = 0;
@@ -511,6 +584,7 @@ const FacetIntegrals& FacetIntegrator::compute(
     return _result;
   }
   _result.lost = lost_share();
+  _result.beyond = beyond_share();
   find_touching();
   _facet.X = extension(carries, _facet.nl);
   if (_facet.X.isZero(0))

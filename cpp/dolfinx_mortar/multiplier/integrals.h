@@ -49,6 +49,10 @@ struct FacetIntegrals
   /// Share of the facet's area that is left out and that no other master covers
   double lost = 0;
 
+  /// Share of the parts of the facet that face the masters (see max_angle) that
+  /// lies beyond the edge of these
+  double beyond = 0;
+
   /// Integral of the gap over the covered part: the volume between the surfaces
   double volume = 0;
 
@@ -106,7 +110,8 @@ public:
   ///
   /// @param[in] slave Slave facet.
   /// @param[in] normals Averaged normals of its nodes, shape (n, 3).
-  /// @param[in] carries Non-zero for nodes that carry a multiplier, shape (n).
+  /// @param[in] carries Shape (n): 1 for nodes that carry a multiplier, 0 for
+  /// those whose function the others share, -1 for those that nothing acts at.
   /// The functions Φ of the other multiplier nodes of the space are shared
   /// equally among those.
   /// @param[in] positive Flags of nodes for the basis transformation, see
@@ -147,6 +152,7 @@ private:
     FacetView slave = {};
     std::span<const double> normals; // of its nodes
     bool dual = false;               // Φ biorthogonal to Ñ
+    bool nonnegative = false;        // no Ñ_k is negative on the facet
     int n = 0, nl = 0, m = 0; // its nodes, those with a Φ, nodes of masters
     FacetMatrix T, T_inv;     // basis transformation
 
@@ -198,6 +204,9 @@ private:
   void number_masters(const FacetList& list,
                       std::span<const std::int32_t> masters);
 
+  /// @brief Drop the points that lie beyond the slave facet.
+  void keep_inside();
+
   /// @brief N, Ñᵀ = Nᵀ T (equations 4.5, 4.13) and the master's N at the points
   /// of a pair.
   void tabulate_shapes(FacetType master, const PairPoints& points,
@@ -209,7 +218,7 @@ private:
                        PairShapes& shapes) const;
 
   /// @brief Integrals of products with Ñ: the right-hand sides of equations
-  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), and ∫ Ñ_k.
+  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), ∫ Ñ_k, area and volume.
   /// @return Smallest gap of all points.
   double integrate_products(bool derivatives);
 
@@ -219,6 +228,10 @@ private:
   /// @brief Find the nodes around which the facet touches a master; after
   /// integrate_products.
   void find_touching();
+
+  /// @brief Share of the parts that face the masters that no master covers;
+  /// after integrate_products.
+  double beyond_share() const;
 
   /// @brief Coefficients A_e = D_e M_e⁻¹ of the dual functions (equations 4.7,
   /// 4.15), as D_e and the factors of M_e.

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "multiplier.h"
+#include <algorithm>
 
 using namespace dolfinx_mortar;
 
@@ -122,6 +123,19 @@ dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
     inverse.row(i) /= T(i, i);
   }
   return inverse;
+}
+//-----------------------------------------------------------------------------
+bool dolfinx_mortar::is_nonnegative(MultiplierSpace space, FacetType type,
+                                    std::span<const std::int8_t> positive)
+{
+  if (!is_second_order(type) or space == MultiplierSpace::dual_linear)
+    return true;
+  // On tri6 and quad8 these are the (bi)linear functions of the corners
+  if (space == MultiplierSpace::standard)
+    return type != FacetType::quad9;
+  return !positive.empty()
+         and std::all_of(positive.begin() + num_corners(type), positive.end(),
+                         [](auto flag) { return flag != 0; });
 }
 //-----------------------------------------------------------------------------
 bool ScaledCholesky::compute(const FacetMatrix& M)

@@ -5,6 +5,7 @@
 
 #include "options.h"
 #include <Eigen/Dense>
+#include <cstdint>
 #include <dolfinx_mortar/geometry/facet.h>
 #include <span>
 
@@ -52,6 +53,11 @@ FacetMatrix transformation(MultiplierSpace space, FacetType type,
 /// 4.14); exact.
 FacetMatrix inverse_transformation(MultiplierSpace space, FacetType type,
                                    std::span<const std::int8_t> positive = {});
+
+/// @brief True where no Ñ of a multiplier node has a negative value on a facet
+/// with these flags; outside of the reference facet it may have.
+bool is_nonnegative(MultiplierSpace space, FacetType type,
+                    std::span<const std::int8_t> positive);
 
 /// @brief Symmetric positive definite matrix, factorised with its diagonal
 /// scaled to one (mass matrices of barely covered facets are close to
