@@ -1,7 +1,7 @@
 // The mortar matrices of two bodies whose meshes do not match, from C++.
 //
 //   cmake -G Ninja -B build -DCMAKE_PREFIX_PATH=<prefix> && cmake --build build
-//   mpirun -n 2 build/mortar_demo
+//   mpirun -n 2 build/matrices
 //
 // A block of hexahedra stands on a larger one of tetrahedra. The two meshes are
 // separate DOLFINx meshes, with a displacement space of degree 2 on each. We
@@ -11,8 +11,9 @@
 #include <basix/finite-element.h>
 #include <cmath>
 #include <dolfinx.h>
-#include <dolfinx_mortar/assembly/coupling.h>
+#include <dolfinx_mortar/assembly/mortar.h>
 #include <dolfinx_mortar/dolfinx/adapter.h>
+#include <dolfinx_mortar/dolfinx/bodies.h>
 #include <dolfinx_mortar/dolfinx/compat.h>
 #include <iostream>
 #include <memory>
@@ -62,44 +63,42 @@ int main(int argc, char* argv[])
                              mesh::CellType::tetrahedron);
 
     // The displacements of both bodies, side by side in one vector
-    const auto& upper_map = *upper->dofmap()->index_map;
-    const auto& lower_map = *lower->dofmap()->index_map;
-    auto numbers = mortar::number_blocks({upper_map, lower_map});
+    const std::vector<std::shared_ptr<const mortar::FunctionSpace>> spaces
+        = {upper, lower};
+    const mortar::Layout layout = mortar::create_layout(MPI_COMM_WORLD, spaces);
 
     // The upper side carries the multipliers: it is finer, and all of it is
     // covered by the other
-    mortar::Interface interface = mortar::create_interface(
-        create_side(*upper, numbers[0], "slave surface"),
-        create_side(*lower, numbers[1], "master surface"));
-
-    // D and M have a row for each multiplier and a column for each displacement
-    const std::int64_t rows = 3 * interface.slave.num_owned;
-    const std::int64_t columns
-        = 3 * (upper_map.size_local() + lower_map.size_local());
-    Mat D = mortar::create_matrix(MPI_COMM_WORLD, rows, columns);
-    Mat M = mortar::create_matrix(MPI_COMM_WORLD, rows, columns);
+    const mortar::Interface interface = mortar::create_interface(
+        create_side(*upper, layout.blocks[0], "slave surface"),
+        create_side(*lower, layout.blocks[1], "master surface"));
+    const mortar::Basis basis = mortar::create_basis(interface);
 
     // The bodies are undeformed; otherwise, see current_positions
-    auto configuration
+    const mortar::Configuration configuration
         = mortar::configure(interface, interface.slave.X, interface.master.X);
-    auto nodal = mortar::integrate(interface, configuration, {.D = D, .M = M});
-    for (Mat A : {D, M})
-    {
-      MatAssemblyBegin(A, MAT_FINAL_ASSEMBLY);
-      MatAssemblyEnd(A, MAT_FINAL_ASSEMBLY);
-    }
+    mortar::BlockAccumulator<1, 1> blocks_D, blocks_M;
+    const mortar::NodalIntegrals nodal = mortar::integrate(
+        interface, basis, configuration, {.D = &blocks_D, .M = &blocks_M});
+
+    // D and M have a row for each multiplier and a column for each displacement
+    const PetscInt rows = 3 * interface.slave.num_owned;
+    const mortar::Matrix D
+        = blocks_D.assemble(MPI_COMM_WORLD, rows, layout.size());
+    const mortar::Matrix M
+        = blocks_M.assemble(MPI_COMM_WORLD, rows, layout.size());
 
     // A common translation opens no gap: the row sums of D and M are equal
     Vec translation, jump;
-    MatCreateVecs(D, &translation, &jump);
+    MatCreateVecs(D.get(), &translation, &jump);
     VecSet(translation, 1);
-    MatMult(D, translation, jump);
+    MatMult(D.get(), translation, jump);
     VecScale(jump, -1);
-    MatMultAdd(M, translation, jump, jump);
+    MatMultAdd(M.get(), translation, jump, jump);
 
     double norm_D, norm_M, difference, area = 0;
-    MatNorm(D, NORM_FROBENIUS, &norm_D);
-    MatNorm(M, NORM_FROBENIUS, &norm_M);
+    MatNorm(D.get(), NORM_FROBENIUS, &norm_D);
+    MatNorm(M.get(), NORM_FROBENIUS, &norm_M);
     VecNorm(jump, NORM_INFINITY, &difference);
     MPI_Reduce(&nodal.area, &area, 1, MPI_DOUBLE, MPI_SUM, 0, MPI_COMM_WORLD);
     if (dolfinx::MPI::rank(MPI_COMM_WORLD) == 0)
@@ -115,8 +114,6 @@ int main(int argc, char* argv[])
 
     VecDestroy(&translation);
     VecDestroy(&jump);
-    MatDestroy(&D);
-    MatDestroy(&M);
   }
   PetscFinalize();
 }
