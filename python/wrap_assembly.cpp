@@ -11,6 +11,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 namespace nb = nanobind;
@@ -38,6 +39,7 @@ void check(const Interface& interface, const Basis& basis)
 {
   check_size(basis.has_multiplier, num_slaves(interface), "has_multiplier");
   check_size(basis.nonnegative, num_slaves(interface), "nonnegative");
+  check_size(basis.idle, num_slaves(interface), "idle");
 }
 
 /// Refuse arrays of the wrong size.
@@ -100,12 +102,14 @@ void wrap_interfaces(nb::module_& m)
   b.def(
       "__init__",
       [](Basis* self, In<std::int8_t> has_multiplier,
-         In<std::int8_t> nonnegative) {
-        new (self) Basis{copy(has_multiplier), copy(nonnegative)};
+         In<std::int8_t> nonnegative, In<std::int8_t> idle) {
+        new (self) Basis{copy(has_multiplier), copy(nonnegative), copy(idle)};
       },
-      nb::arg("has_multiplier"), nb::arg("nonnegative"));
+      nb::arg("has_multiplier"), nb::arg("nonnegative"), nb::arg("idle"));
   def_array(b, "has_multiplier", &Basis::has_multiplier,
             "Flags of local slave nodes that carry a multiplier.");
+  def_array(b, "idle", &Basis::idle,
+            "Flags of local slave nodes at which nothing acts.");
   def_array(b, "nonnegative", &Basis::nonnegative,
             "Flags of local slave nodes whose functions are nowhere negative.");
 
@@ -145,6 +149,8 @@ void wrap_integrals(nb::module_& m)
             "Mean gap over the covered parts around each node.");
   def_array(n, "facet_area", &NodalIntegrals::facet_area,
             "Covered area of each facet.");
+  def_array(n, "beyond", &NodalIntegrals::beyond,
+            "Share of each facet beyond the masters' edges.");
   def_array(n, "lost", &NodalIntegrals::lost,
             "Share of each facet that is left out.");
   n.def_ro("area", &NodalIntegrals::area)
@@ -216,15 +222,14 @@ void wrap_integrals(nb::module_& m)
       "Collective.");
   m.def(
       "flag_nonnegative",
-      [](const Interface& interface, In<double> x, In<double> covered)
+      [](const Interface& interface, In<double> beyond)
       {
-        check_size(x, 3 * num_slaves(interface), "x");
-        check_size(covered, interface.slave.types.size(), "covered");
-        auto flags = flag_nonnegative(interface, span(x), span(covered));
+        check_size(beyond, interface.slave.types.size(), "beyond");
+        auto flags = flag_nonnegative(interface, span(beyond));
         const std::size_t n = flags.size();
         return as_array(std::move(flags), {n});
       },
-      nb::arg("interface"), nb::arg("x"), nb::arg("covered"),
+      nb::arg("interface"), nb::arg("beyond"),
       "Flags of nodes with functions that are nowhere negative. Collective.");
 }
 
@@ -281,7 +286,7 @@ void wrap_laws(nb::module_& m)
        "status",
        [](const ContactResidual& self)
        { return as_numbers(std::span(self.status)); },
-       "State of each node, as numbers of Status.")
+       nb::rv_policy::automatic, "State of each node, as numbers of Status.")
       .def_ro("couplings", &ContactResidual::couplings);
 
   m.def(

@@ -6,7 +6,9 @@
 #include "arrays.h"
 #include "petsc_casters.h"
 #include <dolfinx_mortar/contact/state.h>
+#include <dolfinx_mortar/solver/checks.h>
 #include <dolfinx_mortar/solver/convergence_error.h>
+#include <dolfinx_mortar/solver/messages.h>
 #include <dolfinx_mortar/solver/problem.h>
 #include <dolfinx_mortar/solver/relocation.h>
 #include <dolfinx_mortar/solver/results.h>
@@ -470,11 +472,40 @@ void wrap_problem(nb::module_& m)
       nb::arg("prefix"), nb::arg("options"),
       "Names and values of the PETSc options that count.");
   m.def(
+      "is_overloaded",
+      [](ContactProblem& p)
+      {
+        auto [state, step] = p.begin();
+        std::vector<double> x = p.bodies().displacements();
+        x.insert(x.end(), state.z.begin(), state.z.end());
+        const Iteration it = evaluate(p.bodies(), p.coupling(), step, state, x);
+        const Matrix K = p.bodies().tangent();
+        const auto balance = find_balance(
+            p.coupling(), step, state, it.interfaces, K.get(), it.free_forces);
+        return balance and is_overloaded(p.coupling().comm(), *balance);
+      },
+      nb::arg("problem"),
+      "Whether friction cannot balance the present loads. Collective.");
+  m.def(
+      "describe_barely_covered",
+      [](const ContactProblem& p) -> std::string
+      {
+        if (!p.evaluation())
+          return "";
+        const auto found = find_barely_covered(p.coupling(), p.step(),
+                                               p.state(), *p.evaluation());
+        if (!found)
+          return "";
+        return messages::barely_covered(p.coupling().interfaces[found->second],
+                                        found->first);
+      },
+      nb::arg("problem"),
+      "A sentence on the slave node that masters cover least. Collective.");
+  m.def(
       "distance_from_cone",
-      [](const Surface& surface, const Eigen::MatrixXd& vectors,
-         const Eigen::VectorXd& point)
-      { return distance_from_cone(surface.comm, vectors, point); },
-      nb::arg("surface"), nb::arg("vectors"), nb::arg("point"),
+      [](int comm, const Eigen::MatrixXd& vectors, const Eigen::VectorXd& point)
+      { return distance_from_cone(MPI_Comm_f2c(comm), vectors, point); },
+      nb::arg("comm"), nb::arg("vectors"), nb::arg("point"),
       "Distance of a point from the cone that vectors span. Collective.");
   m.def(
       "relocate",

@@ -33,7 +33,7 @@ class Pressed:
     def norms(self) -> np.ndarray:
         """Norms of displacements and multipliers, the same for any number of ranks."""
         p = self.problem
-        vectors = [p._layout.gather(p._functions), p._z]
+        vectors = [p.state.u, p.state.z]
         return np.sqrt([p.comm.allreduce(float(v @ v)) for v in vectors])
 
 

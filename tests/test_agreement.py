@@ -18,7 +18,7 @@ LAST = comm.rank == comm.size - 1
 
 
 class Unportable(Exception):
-    """An error that can not be made again from its arguments."""
+    """An error that cannot be made again from its arguments."""
 
     def __init__(self, a, b):
         super().__init__(f"{a} and {b}")

@@ -138,49 +138,30 @@ def test_surfaces(surfaces):
 def test_interfaces(surfaces):
     s, m = surfaces[0].surface, surfaces[1].surface
     n, xs, xm = s.num_nodes, surfaces[0].x, surfaces[1].x
-    arguments = {
-        "slave": s,
-        "master": m,
-        "space": SPACE["dual"],
-        "integration": cpp.Integration.segment,
-        "degree": None,
-        "distance": None,
-        "multipliers": np.arange(n),
-        "carries": flags(n),
-        "fixed": np.zeros((n, 3), np.int8),
-    }
-    wrong = {
-        "multipliers": [np.arange(n - 1)],
-        "carries": [flags(n + 1)],
-        "fixed": [flags(n)],
-        "slave": [None],
-    }
-    refuses(cpp.Interface, arguments, wrong)
-    interface = cpp.Interface(*arguments.values())
-    swapped = arguments | {"slave": m, "master": s, "multipliers": np.arange(m.num_nodes)}
-    swapped |= {"carries": flags(m.num_nodes), "fixed": np.zeros((m.num_nodes, 3), np.int8)}
-    other = cpp.Interface(*swapped.values())
-    for name in ("carries", "positive"):
-        with pytest.raises(REFUSED):
-            setattr(interface, name, flags(n - 1))
+    options = cpp.IntegrationOptions(SPACE["dual"], cpp.Integration.segment)
+    arguments = {"slave": s, "master": m, "options": options}
+    refuses(cpp.Interface, arguments, {"slave": [None], "options": [None]})
+    interface = cpp.Interface(s, m, options)
+    other = cpp.Interface(m, s, options)
     refuses(
         cpp.configure,
         {"interface": interface, "x_slave": xs, "x_master": xm},
         {"x_slave": [xs[:-1]], "x_master": [xm[:-1]]},
     )
     c, foreign = cpp.configure(interface, xs, xm), cpp.configure(other, xm, xs)
-    with pytest.raises(REFUSED):
-        c.normals = np.zeros((n - 1, 3))
-    arguments = {"interface": interface, "configuration": c}
-    refuses(cpp.integrate, arguments, {"configuration": [foreign]})
+    basis = cpp.create_basis(interface)
+    short = [cpp.Basis(*(flags(n - (k == j)) for j in range(3))) for k in range(3)]
+    arguments = {"interface": interface, "basis": basis, "configuration": c}
+    refuses(cpp.integrate, arguments, {"configuration": [foreign], "basis": short})
+    arguments |= {"local_rows": 3 * n, "local_columns": 3 * int(s.blocks.max() + m.blocks.max() + 1), "name": "D"}
+    refuses(cpp.mortar_matrix, arguments, {"configuration": [foreign], "name": ["E"]})
     refuses(
-        cpp.integrate_derivatives,
-        {"interface": interface, "configuration": c, "z": np.zeros((n, 3)), "active": flags(n)},
-        {"z": [np.zeros(n)], "active": [flags(n - 1)], "configuration": [foreign]},
+        cpp.nodal_weights,
+        {"interface": interface, "nonnegative": flags(n), "x": xs},
+        {"x": [xs[:-1]], "nonnegative": [flags(n - 1)]},
     )
-    refuses(cpp.nodal_weights, {"interface": interface, "x": xs}, {"x": [xs[:-1]]})
     refuses(
-        cpp.flag_positive,
+        cpp.flag_nonnegative,
         {"interface": interface, "beyond": np.zeros(s.num_facets)},
         {"beyond": [np.zeros(s.num_facets - 1)]},
     )

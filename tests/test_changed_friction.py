@@ -66,7 +66,7 @@ def test_friction_that_comes_and_goes():
 
 
 @pytest.mark.parametrize("value", [-1, np.nan, np.inf, "0.3", [0.3]])
-def test_coefficients_that_can_not_be(value):
+def test_coefficients_that_cannot_be(value):
     p = pressed(dm.Contact, friction=0.3)
     for name in ("friction", "tresca"):
         fails(lambda name=name: setattr(p.interface, name, value), name)
@@ -74,7 +74,7 @@ def test_coefficients_that_can_not_be(value):
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
-def test_constant_that_can_not_be(value):
+def test_constant_that_cannot_be(value):
     """Found when the solve begins, which leaves all as it was."""
     mu = constant(0.3)
     p = pressed(dm.Contact, friction=mu)

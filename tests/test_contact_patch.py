@@ -43,8 +43,8 @@ def solve(case, condense=None, **options):
 
 def pressures(contact):
     """Values of the pressure at this rank's slave nodes, multiplier or not."""
-    surface = contact._surface_slave
-    start = contact._layout.local_start(contact._layout.body(contact.slave[0].V))
+    surface, problem = contact.data.slave, contact.problem
+    start = problem.coupling.layout.local_start(problem.body(contact.slave[0].V))
     return contact.pressure.x.array[surface.local_blocks - start]
 
 

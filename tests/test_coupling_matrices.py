@@ -10,6 +10,7 @@ from mpi4py import MPI
 import blocks
 import cases
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import oracle
 import pytest
@@ -61,9 +62,9 @@ def positions(case, problem):
 
 def multiplier_positions(tie):
     """Of every multiplier, in the problem's numbering; on all ranks."""
-    s = tie._surface_slave
+    s = tie.data.slave
     rows = np.column_stack([np.zeros(s.num_owned), s.X[: s.num_owned]])
-    return np.vstack(tie._layout.comm.allgather(rows))
+    return np.vstack(tie.comm.allgather(rows))
 
 
 def entries(A):
@@ -107,7 +108,7 @@ def test_reference(pair, multiplier):
     problem, tie = coupled(case, multiplier=multiplier, quadrature_degree=18)
     found = {name: entries(getattr(tie, name)) for name in names(multiplier)}
     (slave, s), (master, m) = cases.interface_surfaces(case, case.interfaces[0])
-    dropped = np.flatnonzero(tie._data.carries == 0)
+    dropped = np.flatnonzero(tie.state.basis.has_multiplier == 0)
     used = np.unique(
         np.concatenate([n[oracle.multiplier_nodes(k, multiplier)] for k, n in slave.facets])
     )
@@ -131,7 +132,7 @@ def test_reference(pair, multiplier):
     assert np.array_equal(found["T"] != 0, found["T_inverse"] != 0)
 
     if multiplier == "dual":
-        carries = tie._data.carries.astype(bool)
+        carries = tie.state.basis.has_multiplier.astype(bool)
         assert np.count_nonzero(found["D_inverse"]) <= np.count_nonzero(found["T"])
         product = found["D"] @ found["D_inverse"]
         assert np.abs(product - np.diag(carries.astype(float))).max() < 1e-12
@@ -210,7 +211,7 @@ def test_constraints(pair):
     u = cases.displacements(case)
     problem, tie = coupled(case, u, multiplier="dual")
     problem.solve()
-    solution = np.concatenate(comm.allgather(problem._layout.gather(u)))
+    solution = np.concatenate(comm.allgather(nodal.displacements(problem)))
     constraints = tie.constraints()
     number = comm.allreduce(len(constraints))
     assert number == 3 * tie.num_multiplier_nodes
@@ -233,7 +234,7 @@ def test_same_solution_on_all_ranks(multiplier):
         u = cases.displacements(c)
         problem, _ = coupled(c, u, multiplier=multiplier)
         problem.solve()
-        values = np.vstack(problem.comm.allgather(problem._layout.gather(u).reshape(-1, 3)))
+        values = np.vstack(problem.comm.allgather(nodal.displacements(problem).reshape(-1, 3)))
         tables.append(values[order(positions(c, problem))])
     assert np.abs(tables[0] - tables[1]).max() < 1e-12 * np.abs(tables[1]).max()
 

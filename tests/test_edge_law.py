@@ -49,13 +49,13 @@ def residual(s, friction=None, tresca=None, damped=False, fixed=None):
 
 def derivative(r, name):
     """Derivative of all residuals by all values, shape (3 m, columns m)."""
-    own, other = r["d" + name], r["couplings"]["d" + name]
+    own, other = (getattr(a, "d" + name) for a in (r, r.couplings))
     own, other = (a[:, :, None] if a.ndim == 2 else a for a in (own, other))
     m, c = len(own), own.shape[2]
     J = np.zeros((m, 3, m, c))
     for i in range(m):
         J[i, :, i, :] = own[i]
-    for i, j, block in zip(r["couplings"]["rows"], r["couplings"]["columns"], other):
+    for i, j, block in zip(r.couplings.rows, r.couplings.columns, other):
         J[i, :, j, :] = block
     return J.reshape(3 * m, c * m)
 
@@ -67,7 +67,7 @@ def difference(s, name, **law):
         for h in (1e-6, -1e-6):
             moved = s | {name: s[name].copy()}
             moved[name].flat[k] += h
-            f.append(residual(moved, **law)["value"].ravel())
+            f.append(residual(moved, **law).value.ravel())
         columns.append((f[0] - f[1]) / 2e-6)
     return np.stack(columns, axis=1)
 
@@ -87,10 +87,10 @@ def test_derivatives(law, patches):
     for seed in range(5):
         s = state(seed, patches)
         r = residual(s, **LAWS[law])
-        assert np.all(r["status"] > 0)
+        assert np.all(r.status > 0)
         if law != "frictionless" and patches == 2:
-            assert np.all(r["status"] == (STICK if "stick" in law else SLIP))
-            assert len(r["couplings"]["rows"]) == 2
+            assert np.all(r.status == (STICK if "stick" in law else SLIP))
+            assert len(r.couplings.rows) == 2
         for name in ("z", "n", "w", "g"):
             exact = derivative(r, name)
             error = np.abs(exact - difference(s, name, **LAWS[law])).max()
@@ -109,22 +109,22 @@ def test_what_the_law_says():
     pressure = np.array([8.0, 5.0])
     s["z"] = pressure[:, None] * s["n"] + friction * pressure[:, None] * edge
     r = residual(s, friction=friction)
-    assert np.all(r["status"] == SLIP)
-    assert np.abs(r["value"]).max() < 1e-12
+    assert np.all(r.status == SLIP)
+    assert np.abs(r.value).max() < 1e-12
     # Stick: no motion, traction within the cone, shared in proportion to the bounds
     s["w"] = np.zeros((2, 3))
     s["z"] = pressure[:, None] * s["n"] + 0.04 * pressure[:, None] * edge
     r = residual(s, friction=friction)
-    assert np.all(r["status"] == STICK)
-    assert np.abs(r["value"]).max() < 1e-12
+    assert np.all(r.status == STICK)
+    assert np.abs(r.value).max() < 1e-12
 
 
 def test_parallel_normals_close_once():
-    """Two patches with the same normal can not both hold a node."""
+    """Two patches with the same normal cannot both hold a node."""
     s = state(2)
     s["n"][1] = s["n"][0]
     s["z"] = np.array([8.0, 5.0])[:, None] * s["n"]
-    status = residual(s)["status"]
+    status = residual(s).status
     assert list(status > 0) == [True, False]
 
 
@@ -132,7 +132,7 @@ def test_no_friction_where_a_node_can_not_slide():
     """On three patches, and on an edge in a plane of symmetry."""
     s = state(3, 3)
     r = residual(s, friction=0.3)
-    assert np.all(r["status"] == STICK)
+    assert np.all(r.status == STICK)
     normal = np.sum(s["z"] * s["n"], axis=1)
     tangential = s["z"] - normal[:, None] * s["n"]
-    assert np.allclose(r["value"], tangential + C_N * s["g"][:, None] * s["n"])
+    assert np.allclose(r.value, tangential + C_N * s["g"][:, None] * s["n"])

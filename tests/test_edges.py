@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import blocks
 import cases
+import nodal
 import numpy as np
 import oracle
 import pytest
@@ -162,15 +163,16 @@ def test_drag_along_an_edge(element):
     for t in np.arange(1.0, 9.0):
         s.step(t)
     c = s.contact
-    closed = c._status > 0
-    n = c._configuration.normals[: c.num_owned][closed]
-    z = c._multipliers[closed]
+    status = c.state.status
+    closed = status > 0
+    n = nodal.normals(c)[closed]
+    z = nodal.multipliers(c)[closed]
     pressure = np.sum(z * n, axis=1)
     tangential = z - pressure[:, None] * n
-    assert np.all(c._status[closed] == 2)
+    assert np.all(status[closed] == 2)
     assert np.allclose(np.linalg.norm(tangential, axis=1), friction * pressure, rtol=1e-6)
     assert np.allclose(tangential[:, 0], friction * pressure, rtol=1e-3)
-    _, patches = np.unique(c._surface_slave.blocks[: c.num_owned][closed], return_counts=True)
+    _, patches = np.unique(c.data.slave.blocks[: len(status)][closed], return_counts=True)
     assert comm.allreduce(int(np.sum(patches == 2))) >= 3
 
 

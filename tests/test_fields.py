@@ -8,12 +8,12 @@ from pathlib import Path
 from mpi4py import MPI
 
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, la, mesh
 from dolfinx.io import VTXWriter
-from dolfinx_mortar import fields
 from pressed import pressed
 
 comm = MPI.COMM_WORLD
@@ -89,26 +89,6 @@ def test_a_writer_that_is_opened_once_writes_each_step():
     assert largest[1] > 1.5 * largest[0]
 
 
-def test_several_surface_nodes_at_a_node():
-    blocks = np.array([4, 4, 2, 7, 7, 7])
-    values = np.array([[1.0], [3.0], [5.0], [-1.0], [2.0], [0.0]])
-    weight = np.array([1.0, 3.0, 0.5, 0.0, 0.0, 0.0])
-    status = np.array([0.0, 2.0, 1.0, 1.0, 0.0, 1.0])
-    expected = {
-        "largest": [5, 3, 2],
-        "smallest": [5, 1, -1],
-        "mean": [5, 2.5, 1 / 3],
-        "first": [5, 3, -1],
-    }
-    for how, result in expected.items():
-        measure = {"mean": weight, "first": status}.get(how)
-        nodes, combined = fields.combine(blocks, values, how, measure)
-        assert list(nodes) == [2, 4, 7]
-        np.testing.assert_allclose(combined[:, 0], result, rtol=1e-15)
-    nodes, same = fields.combine(blocks[1:4], values[1:4], "largest")
-    assert list(nodes) == [4, 2, 7] and np.all(same == values[1:4])
-
-
 def height(x):
     """Gap between the slave and the master: small, and beyond a bend large."""
     return 0.12 * np.minimum(x[0], 0.5) + 4 * np.maximum(x[0] - 0.75, 0)
@@ -144,8 +124,8 @@ def test_no_penetration_far_away():
     wide = {"search_distance": 10.0, "max_angle": 85.0}
     contact = dm.Contact(spaces, tags, slave=1, master=1, **wide)
     dm.ContactProblem(F, u, bcs=bcs, interfaces=[contact]).solve()
-    weight = contact._nodal["weight"][: contact.num_owned]
-    feigned = np.where(contact._status == 0, contact._gap_weighted / weight, 0.0)
+    gap = contact.evaluation.gap / nodal.weights(contact)
+    feigned = np.where(contact.state.status == 0, gap, 0.0)
     assert comm.allreduce(float(feigned.min(initial=0)), op=MPI.MIN) < -0.05
     status, gap = contact.status.x.array, contact.gap.x.array
     assert comm.allreduce(int(np.sum(status > 0))) > 0

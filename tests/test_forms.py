@@ -94,7 +94,7 @@ def test_forms_of_another_mesh_or_space(bodies):
 
 
 def test_compiled_forms(bodies):
-    """They can not be differentiated, but else they do."""
+    """They cannot be differentiated, but else they do."""
     F = [fem.form(f) for f in bodies.F]
     fails(lambda: bodies.problem(F), "compiled", "give J")
     p = bodies.problem(F, [fem.form(j) for j in bodies.J])

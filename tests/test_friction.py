@@ -5,22 +5,25 @@
 import blocks
 import cases
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import pytest
 
 OPEN, STICK, SLIP = 0, 1, 2
 
 
-def nodal(contact):
+def nodal_values(contact, z=None, evaluation=None):
     """Of the owned nodes in contact: pressure, tangential multiplier, slip, state."""
-    n = contact.num_owned
-    closed = contact._status != OPEN
-    z, normal = contact._z()[:n], contact._configuration.normals[:n]
+    evaluation = evaluation or contact.evaluation
+    status = evaluation.law.status
+    closed = status != OPEN
+    z = nodal.multipliers(contact, z)
+    normal = evaluation.configuration.normals[: len(z)]
     pressure = np.sum(z * normal, axis=1)
-    motion = contact._motion
+    motion = evaluation.motion
     slip = np.sum(motion * normal, axis=1)[:, None] * normal - motion
     tangential = z - pressure[:, None] * normal
-    return pressure[closed], tangential[closed], slip[closed], contact._status[closed]
+    return pressure[closed], tangential[closed], slip[closed], status[closed]
 
 
 def check_cone(contact, largest):
@@ -30,7 +33,7 @@ def check_cone(contact, largest):
         contact: At an accepted step.
         largest: Largest traction on any rank.
     """
-    pressure, tangential, slip, status = nodal(contact)
+    pressure, tangential, slip, status = nodal_values(contact)
     bound = contact.friction * pressure
     length = np.linalg.norm(tangential, axis=1)
     assert np.all(length <= bound + 1e-8 * largest)
@@ -95,7 +98,7 @@ def test_tresca_bound():
     s = cases.make_problem(case, friction=None, tresca=0.5)
     for t in case.times:
         s.step(t)
-    _, tangential, _, status = nodal(s.contact)
+    _, tangential, _, status = nodal_values(s.contact)
     assert np.all(status == SLIP)
     assert np.abs(np.linalg.norm(tangential, axis=1) - 0.5).max(initial=0) < 1e-8
     pressing = s.contact.force[2]
@@ -109,17 +112,17 @@ def test_turning_together_is_no_slip():
     for t in case.times[:2]:
         s.step(t)
     problem = s.problem
-    problem._begin()  # the next step remembers this one
+    state, step = problem._cpp_object.begin()  # the next step remembers this one
     axis = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
     W = np.cross(np.eye(3), axis)
     R = np.eye(3) + np.sin(0.7) * W + (1 - np.cos(0.7)) * W @ W
-    z = problem._z.reshape(-1, 3) @ R.T
+    z = problem.state.z.reshape(-1, 3) @ R.T
     for f in s.u:
         X = f.function_space.tabulate_dof_coordinates()
         f.x.array[:] = ((X + f.x.array.reshape(-1, 3)) @ R.T + [0.3, -1, 2] - X).ravel()
-    problem._cached = None
-    problem._evaluate(np.concatenate([problem._layout.gather(problem._functions), z.ravel()]))
-    pressure, tangential, slip, _ = nodal(s.contact)
+    x = np.concatenate([nodal.displacements(problem), z.ravel()])
+    turned = problem._cpp_object.evaluate(state, step, x).interfaces.interfaces[0]
+    pressure, tangential, slip, _ = nodal_values(s.contact, z, turned)
     assert np.all(pressure > 0)
     assert np.abs(slip).max(initial=0) < 1e-15
     check_rotated = np.linalg.norm(tangential, axis=1) / (0.3 * pressure)

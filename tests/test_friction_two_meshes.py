@@ -5,6 +5,7 @@ it is a tied interface, at any non-matching pairing, condensed or not, on any nu
 
 import blocks
 import cases
+import nodal
 import numpy as np
 import pytest
 
@@ -41,14 +42,13 @@ def solve(case, condense=None, **options):
     return s.u, s.contact, s.problem
 
 
-def nodal(contact):
+def nodal_values(contact):
     """Normal and tangential multipliers and states of the owned nodes that carry one."""
-    n = contact.num_owned
-    carries = contact._data.carries[:n].astype(bool)
-    z = contact._z()[:n][carries]
-    normal = contact._configuration.normals[:n][carries]
+    carries = nodal.has_multiplier(contact)
+    z = nodal.multipliers(contact)[carries]
+    normal = nodal.normals(contact)[carries]
     pressure = np.sum(z * normal, axis=1)
-    return pressure, z - pressure[:, None] * normal, contact._status[carries]
+    return pressure, z - pressure[:, None] * normal, contact.state.status[carries]
 
 
 @pytest.mark.parametrize("condense", [True, False], ids=["condensed", "saddle point"])
@@ -58,7 +58,7 @@ def test_stick_is_tied(pair, condense):
     u, contact, problem = solve(case, condense, initial_active="all")
     size = np.abs(strain()).max()
     assert cases.largest_error(case, u) < 1e-8 * size
-    pressure, tangential, status = nodal(contact)
+    pressure, tangential, status = nodal_values(contact)
     assert np.all(status == 1)
     for values in (pressure, tangential):  # the same at all nodes
         assert np.abs(values - values[:1]).max(initial=0) < 1e-8 * 10

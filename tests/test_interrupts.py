@@ -9,6 +9,7 @@ import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from dolfinx_mortar import interrupts
+from dolfinx_mortar import problem as problem_module
 from pressed import pressed
 
 
@@ -20,26 +21,25 @@ def interrupts_raise():
     signal.signal(signal.SIGINT, handler)
 
 
-class Late:
-    """A problem after its first step, and one signal in the middle of a function."""
+def interrupted(call, rank):
+    """A look at interrupts in the iteration with a signal, on one rank, before the n-th call."""
+    poll, calls = problem_module._poll, []
 
-    def __init__(self, monkeypatch, rank):
+    def look(problem):
+        calls.append(None)
+        if len(calls) == call and problem.comm.rank == rank:
+            os.kill(os.getpid(), signal.SIGINT)
+        poll(problem)
+
+    return look, calls
+
+
+class Late:
+    """A problem after its first step."""
+
+    def __init__(self):
         self.p = pressed(dm.Contact, elements=("hex20", "hex8"), friction=0.3)
         self.p.move(0.0, -0.01)
-        self.monkeypatch, self.rank = monkeypatch, rank
-
-    def signal_in(self, owner, name, call):
-        """Send the signal, once, before the n-th call of a method."""
-        method, calls = getattr(owner, name), []
-
-        def interrupted(*args, **more):
-            calls.append(name)
-            if len(calls) == call and self.p.problem.comm.rank == self.rank:
-                os.kill(os.getpid(), signal.SIGINT)
-            return method(*args, **more)
-
-        self.monkeypatch.setattr(owner, name, interrupted)
-        return calls
 
     def values(self):
         c = self.p.interface
@@ -47,32 +47,23 @@ class Late:
         return [f.x.array.copy() for f in fields] + [c.force]
 
 
-PLACES = [
-    ("_coupling", "begin", 1),
-    ("_coupling", "evaluate", 1),
-    ("_coupling", "evaluate", 3),
-    ("_coupling", "rescale", 1),
-    ("_forms", "residual", 2),
-    ("_forms", "tangent", 1),
-    ("_solver", "solve", 2),
-    ("_coupling", "find_implausible", 1),
-    ("_coupling", "accept", 1),
-]
-
-
 @pytest.mark.parametrize("rank", [0, -1])
-@pytest.mark.parametrize("place", PLACES, ids=lambda p: f"{p[1]}{p[2]}")
-def test_signal(place, rank, monkeypatch):
-    """On one rank alone, wherever the iteration is."""
-    with pytest.MonkeyPatch.context() as patch:
-        late = Late(patch, 0)
-        p = late.p
-        late.rank = rank % p.problem.comm.size
-        before = late.values()
-        calls = late.signal_in(getattr(p.problem, place[0]), *place[1:])
+@pytest.mark.parametrize("call", [1, 2, 3, "last"])
+def test_signal(call, rank, monkeypatch):
+    """On one rank alone, in the middle of the iteration and when all is solved."""
+    late = Late()
+    p = late.p
+    rank = rank % p.problem.comm.size
+    before = late.values()
+    if call == "last":
+        other = Late().p
+        call = other.move(0.02, -0.02) + 1
+    look, calls = interrupted(call, rank)
+    with monkeypatch.context() as patch:
+        patch.setattr(problem_module, "_poll", look)
         with pytest.raises(KeyboardInterrupt):
             p.move(0.02, -0.02)
-        assert len(calls) >= place[2]
+    assert len(calls) == call
     for a, b in zip(late.values(), before, strict=True):
         assert np.allclose(a, b, rtol=1e-12, atol=0)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -111,15 +102,8 @@ def test_a_handler_of_the_user_decides():
     handler = signal.signal(signal.SIGINT, lambda *_: notes.append(p.problem.history))
     try:
         with pytest.MonkeyPatch.context() as patch:
-            evaluate, calls = p.problem._coupling.evaluate, []
-
-            def interrupted(*args):
-                calls.append(None)
-                if len(calls) == 2:
-                    os.kill(os.getpid(), signal.SIGINT)
-                return evaluate(*args)
-
-            patch.setattr(p.problem._coupling, "evaluate", interrupted)
+            look, _ = interrupted(2, p.problem.comm.rank)
+            patch.setattr(problem_module, "_poll", look)
             p.move(0.0, -0.01)
     finally:
         signal.signal(signal.SIGINT, handler)

@@ -29,7 +29,7 @@ def iterations(problem, solve):
             counts.append(0)
         counts[-1] = iteration
 
-    problem._solver.ksp.setMonitor(count)
+    problem._cpp_object.ksp.setMonitor(count)
     solve()
     return counts
 

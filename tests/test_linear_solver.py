@@ -69,7 +69,7 @@ def test_preconditioned_through_the_reduced_system(name, preconditioner):
     assert np.allclose(p.norms(), q.norms(), rtol=1e-8)
     if (name, preconditioner) == ("tie", "cholesky"):
         # Constraints of a tie do not turn with normals: the reduction is exact
-        assert q.problem._solver.ksp.getIterationNumber() <= 2
+        assert q.problem._cpp_object.ksp.getIterationNumber() <= 2
 
 
 def test_options_reach_nested_solvers_and_nothing_else():
@@ -77,7 +77,7 @@ def test_options_reach_nested_solvers_and_nothing_else():
     solver = {"pc_type": "gamg", "mg_levels_ksp_type": "richardson"}
     p = pressed(dm.Tie, elements=("hex8", "hex8"), petsc_options=solver)
     p.move(0.0, -0.01)
-    smoother = p.problem._solver._reduced._inner.getMGSmoother(1)
+    smoother = p.problem._cpp_object.inner_pc.getMGSmoother(1)
     assert smoother.getType() == "richardson"
     assert not any("mg_levels" in name for name in PETSc.Options().getAll())
 

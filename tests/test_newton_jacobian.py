@@ -9,10 +9,10 @@ term that is missing or wrong in a derivative shows there at once.
 import blocks
 import cases
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import pytest
 from corner import corner
-from dolfinx_mortar.linearisation import linearise
 from mirrored import level, model, punch
 from scipy.sparse import bmat, csr_matrix
 
@@ -51,36 +51,43 @@ def sparse(A):
 
 
 def random_state(p, contact, spread):
-    """Displacements and multipliers around a closed contact; the accepted state before it."""
+    """State and step of a solve, and displacements and multipliers around a closed contact."""
     rng = np.random.default_rng(7)
-    n = p._n_u
+    problem, n = p._cpp_object, p.coupling.layout.size
     # What friction remembers is another distorted state
-    p._forced = p._cached = None
-    p._x.array[:n] = 4e-3 * rng.standard_normal(n)
-    p._x.array[n:] = 0.0
-    p._begin()
-    x = np.empty(n + p._n_z)
-    x[:n] = p._x.array[:n] + 4e-3 * rng.standard_normal(n)
-    normal = contact._configuration.normals[: contact.num_owned]
+    displace(p, 4e-3 * rng.standard_normal(n))
+    state, step = problem.begin()
+    x = np.zeros(n + p.coupling.size)
+    x[:n] = nodal.displacements(p)
+    first = problem.evaluate(state, step, x).interfaces.interfaces[0]
+    x[:n] += 4e-3 * rng.standard_normal(n)
+    normal = first.configuration.normals[: nodal.number(contact)]
     pressure = 20 + spread * rng.standard_normal(len(normal))
     z = pressure[:, None] * normal + 4 * rng.standard_normal((len(normal), 3))
     x[n:] = z.ravel()
-    p._forced = p._cached = None
-    return x
+    return state, step, x
 
 
-def check(p, contact, x):
-    """Largest relative deviation of the Jacobian times a direction, and the states of nodes."""
-    n = p._n_u
-    p._evaluate(x)
-    if contact.is_frictional:
-        contact._rescale()  # what Newton's method does before it linearises
-    p._cached = None
-    p._evaluate(x)
-    status = contact._status.copy()
-    s = linearise(p._coupling, p._forms.tangent(), x[n:])
+def displace(p, values):
+    """Set the displacements of all bodies."""
+    start = 0
+    for u in p.u if isinstance(p.u, list | tuple) else [p.u]:
+        u.x.array[:] = values[start : start + len(u.x.array)]
+        start += len(u.x.array)
+
+
+def check(p, state, step, x):
+    """Largest relative deviation of the Jacobian times a direction, and the law of the nodes."""
+    problem, n = p._cpp_object, p.coupling.layout.size
+    at = problem.evaluate(state, step, x)
+    # Newton's method takes the scale of the friction equations as it is at the iterate
+    step.scale = [at.interfaces.interfaces[0].scale]
+    at = problem.evaluate(state, step, x)
+    law = at.interfaces.interfaces[0].law
+    status = law.status
+    s = problem.linearise(state, step, at, damped=False)
     K = sparse(s.K)
-    if getattr(s, "K_c", None) is not None:
+    if s.K_c is not None:
         K = K + sparse(s.K_c)
     J = bmat([[K, sparse(s.B).T], [sparse(s.C_u), sparse(s.C_z)]]).tolil()
     J[s.fixed] = 0.0
@@ -92,12 +99,14 @@ def check(p, contact, x):
         d = rng.standard_normal(len(x))
         d[n:] *= 1000
         exact = J @ d
+        assert np.allclose(exact, s.multiply(d), rtol=1e-12, atol=1e-12 * np.abs(exact).max())
         best = np.inf
         for h in (1e-6, 1e-7, 3e-8):
             f = []
-            for step in (h, -h):
-                f.append(p._evaluate(x + step * d).copy())
-                if np.any(contact._status != status):
+            for sign in (h, -h):
+                moved = problem.evaluate(state, step, x + sign * d)
+                f.append(moved.residual.copy())
+                if np.any(moved.interfaces.interfaces[0].law.status != status):
                     break
             else:
                 error = np.abs((f[0] - f[1]) / (2 * h) - exact)
@@ -112,7 +121,7 @@ def check(p, contact, x):
             compared += 1
             worst = max(worst, best)
     assert compared > 0
-    return worst, status
+    return worst, status, law
 
 
 # Friction that makes all nodes stick, slip, or some of each, in the states above
@@ -145,8 +154,8 @@ def test_states(state, integration, overhang):
         c_t=1e3,
     )
     # Some nodes are open where the pressures are spread
-    x = random_state(p, contact, spread=8.0 if state in ("frictionless", "mixed") else 1.0)
-    error, status = check(p, contact, x)
+    spread = 8.0 if state in ("frictionless", "mixed") else 1.0
+    error, status, _ = check(p, *random_state(p, contact, spread))
     expect(state, status)
     assert error < 1e-6
 
@@ -155,7 +164,7 @@ def test_states(state, integration, overhang):
 @pytest.mark.parametrize("master", SECOND_ORDER)
 def test_second_order_pairs(slave, master):
     p, contact = problem(slave, master, 0.3, friction=0.3, c_n=1e3, c_t=1e3)
-    error, status = check(p, contact, random_state(p, contact, spread=8.0))
+    error, status, law = check(p, *random_state(p, contact, spread=8.0))
     expect("mixed", status)
     assert error < 1e-6
 
@@ -163,7 +172,7 @@ def test_second_order_pairs(slave, master):
 @pytest.mark.parametrize("pair", [("tet4", "hex8"), ("hex8", "tet10"), ("hex20", "hex8")], ids=str)
 def test_mixed_order_pairs(pair):
     p, contact = problem(*pair, 0.3, friction=0.3, c_n=1e3, c_t=1e3)
-    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    error, *_ = check(p, *random_state(p, contact, spread=8.0))
     assert error < 1e-6
 
 
@@ -172,14 +181,14 @@ def test_mixed_order_pairs(pair):
 @pytest.mark.parametrize("pair", [("hex20", "hex20"), ("tet10", "hex27")], ids="-".join)
 def test_multipliers(multiplier, friction, pair):
     p, contact = problem(*pair, 0.3, friction=friction, multiplier=multiplier, c_n=1e3, c_t=1e3)
-    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    error, *_ = check(p, *random_state(p, contact, spread=8.0))
     assert error < 1e-6
 
 
 @pytest.mark.parametrize("options", [{"tresca": 5.0}, {"geometry": "reference", "friction": 0.3}])
 def test_tresca_and_small_deformation(options):
     p, contact = problem("hex20", "hex27", c_n=1e3, c_t=1e3, **options)
-    error, _ = check(p, contact, random_state(p, contact, spread=8.0))
+    error, *_ = check(p, *random_state(p, contact, spread=8.0))
     assert error < 1e-6
 
 
@@ -199,10 +208,9 @@ def corner_problem(slave, master, walls, **options):
 @pytest.mark.parametrize("walls", [1, 2])
 def test_edges(state, pair, walls):
     p, contact = corner_problem(*pair, walls, friction=FRICTION[state], c_n=1e3, c_t=1e3)
-    error, status = check(p, contact, random_state(p, contact, spread=4.0))
-    couplings = contact._law["couplings"]
-    assert (len(couplings["rows"]) > 0) == (state != "frictionless")
-    assert np.sum(status != OPEN) > contact.num_owned / 2
+    error, status, law = check(p, *random_state(p, contact, spread=4.0))
+    assert (len(law.couplings.rows) > 0) == (state != "frictionless")
+    assert np.sum(status != OPEN) > nodal.number(contact) / 2
     assert error < 1e-8
 
 
@@ -215,9 +223,9 @@ def test_planes_of_symmetry(state):
     layers[1].surfaces = (layers[1].surfaces[0], level(1))
     m = model(layers, [(dm.Contact, options)], (0, 1))
     p, contact = m.problem, m.contact
-    error, status = check(p, contact, random_state(p, contact, spread=1.0))
-    held = contact._fixed[: contact.num_owned].astype(bool)
-    # Where the planes meet a node can not slide
+    error, status, law = check(p, *random_state(p, contact, spread=1.0))
+    held = contact.data.fixed[: nodal.number(contact)].astype(bool)
+    # Where the planes meet a node cannot slide
     on_both = held[:, 0] & held[:, 1]
     assert np.any(on_both) and np.any(held[:, 0] & ~on_both) and np.any(held[:, 1] & ~on_both)
     expect(state, status[~on_both])

@@ -14,7 +14,7 @@ from dolfinx import fem
 from test_bad_input import fails
 
 comm = MPI.COMM_WORLD
-REFUSED = ("can not be meant", "passed through", "smaller load steps", "state is as before")
+REFUSED = ("cannot be meant", "passed through", "smaller load steps", "state is as before")
 
 
 def problem(bodies, held, sides, energy=cases.linear_elastic, **options):

@@ -96,7 +96,7 @@ def test_the_database_is_left_as_it_was(database):
     assert database.getAll() == before
     assert p.problem.snes.getTolerances()[3] == 44
     assert p.problem.snes.getTolerances()[0] == 1e-8
-    assert p.problem._solver.ksp.getType() == "gmres"
+    assert p.problem._cpp_object.ksp.getType() == "gmres"
     for wrong in ({"pc_type": "lU"}, {"snes_rtoll": 1}, {"snes_type": "ksponly"}):
         with pytest.raises(ValueError):
             pressed(dm.Contact, petsc_options=options | wrong)
@@ -122,7 +122,7 @@ def test_the_database_is_left_as_it_was(database):
     ],
     ids=str,
 )
-def test_options_that_can_not_be(options, words):
+def test_options_that_cannot_be(options, words):
     fails(lambda: pressed(dm.Contact, petsc_options=options), *words)
 
 

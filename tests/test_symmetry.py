@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 import cases
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import oracle
 import pytest
@@ -32,15 +33,12 @@ def gathered(*columns):
 def slave_nodes(m):
     """Positions, normals, tractions, weights and gaps of the slave nodes."""
     c = m.contact
-    n = c.num_owned
-    weight = c._nodal["weight"][:n]
-    weighted = [weight, c._gap_weighted[:n]]
-    X, normals = c._surface_slave.X[:n], c._configuration.normals[:n]
-    return gathered(X, normals, c._multipliers[:n], *weighted)
+    weighted = [nodal.weights(c), c.evaluation.gap]
+    return gathered(nodal.positions(c), nodal.normals(c), nodal.multipliers(c), *weighted)
 
 
 def displacements(m, body):
-    u = m.problem._functions[body]
+    u = m.problem.u[body]
     n = u.function_space.dofmap.index_map.size_local
     x = u.function_space.tabulate_dof_coordinates()
     return gathered(x[:n], u.x.array.reshape(-1, 3)[:n])

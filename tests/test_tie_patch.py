@@ -7,6 +7,7 @@ from mpi4py import MPI
 import blocks
 import cases
 import dolfinx_mortar as dm
+import nodal
 import numpy as np
 import oracle
 import pytest
@@ -232,12 +233,12 @@ def test_interfaces_agree_on_the_basis_where_they_meet(element):
     clamped = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
     case = blocks.assemble(parts, [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")], clamped)
     s = cases.make_problem(case)
-    positive = [i._data.positive[: i.num_owned] for i in s.interfaces]
+    positive = [i.state.basis.nonnegative[: nodal.number(i)] for i in s.interfaces]
     found = [MPI.COMM_WORLD.allreduce(int(p.sum())) for p in positive]
     assert found[1] > found[0] > 0  # the covered one has some, on the common line
-    coupling = s.problem._coupling
-    B, B_tilde = coupling.B_ties
-    difference = B.matMult(coupling.multipliers.T)
+    step = s.problem._cpp_object.step
+    B, B_tilde = step.B_ties, step.B_tilde_ties
+    difference = B.matMult(step.T)
     difference.axpy(-1.0, B_tilde)
     assert difference.norm() < 1e-14 * B.norm()
     with pytest.raises(ValueError, match="share slave nodes"):
@@ -331,7 +332,7 @@ ON_EDGES = [("quad8", "dual"), ("tri6", "dual")]
 def test_rotation_after_relocation(kinds, isoparametric, multiplier):
     """A rotation (linearised, as the material is) strains a curved tie, but not a relocated one.
 
-    With multipliers on edges straight cells can not follow: it gets better.
+    With multipliers on edges straight cells cannot follow: it gets better.
     """
     spin = 0.1 * np.array([[0, -1, 0.5], [1, 0, -0.7], [-0.5, 0.7, 0]])
 

@@ -70,7 +70,7 @@ def raise_together(comm: MPI.Comm, error: BaseException | None) -> None:
 
 
 def _portable(error: BaseException | None) -> BaseException | None:
-    """The error, or one that says the same where it can not be sent to another rank."""
+    """The error, or one that says the same where it cannot be sent to another rank."""
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

@@ -100,7 +100,7 @@ def bound(name: str, x: Any) -> float | fem.Constant | None:
         raise ValueError(f"{name} is a Constant of shape {x.value.shape}, but must be a scalar.")
     number_ = number(name, float(x.value) if constant else x)
     if number_ < 0:
-        raise ValueError(f"{name} is {number_}, but can not be negative.")
+        raise ValueError(f"{name} is {number_}, but cannot be negative.")
     return x if constant else number_
 
 

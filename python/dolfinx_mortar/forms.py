@@ -117,7 +117,7 @@ def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list
     """
     if any(isinstance(f, fem.Form) for f in forms):
         raise ValueError(
-            "F is compiled, so that it can not be differentiated any more: give the UFL form, or "
+            "F is compiled, so that it cannot be differentiated any more: give the UFL form, or "
             "give J as well."
         )
     return [

@@ -274,7 +274,7 @@ def _display() -> bool:
         return False
 
     def end_with_parent() -> None:
-        # Also when Python is killed and can not clean up: prctl(PR_SET_PDEATHSIG, SIGTERM)
+        # Also when Python is killed and cannot clean up: prctl(PR_SET_PDEATHSIG, SIGTERM)
         ctypes.CDLL(None).prctl(1, 15)
 
     read, write = os.pipe()

@@ -90,7 +90,7 @@ class ContactProblem(memory.Destroyable):
         form_options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
         form_options = {k: v for k, v in form_options.items() if v is not None}
         self._prefix, self._warned = petsc_options_prefix, False
-        self._interrupts: interrupts.Interrupts | None = None
+        self.interrupts: interrupts.Interrupts | None = None
         this = weakref.ref(self)
         try:
             problem = cpp.ContactProblem(
@@ -186,7 +186,7 @@ class ContactProblem(memory.Destroyable):
                     f"adaptive is {adaptive!r}, but must be a function that sets loads for a "
                     "fraction of the step."
                 )
-        with interrupts.deferred() as self._interrupts:
+        with interrupts.deferred() as self.interrupts:
             try:
                 memory.free_forgotten(self.comm)
                 self._prepare()
@@ -195,7 +195,7 @@ class ContactProblem(memory.Destroyable):
                 else:
                     total = problem.solve_adaptively(self._loader(adaptive), max_cuts)
                 self._warn_of_unread()
-                self._interrupts.handle_together(self.comm)
+                self.interrupts.handle_together(self.comm)
             except cpp.ConvergenceError as error:
                 raise ConvergenceError(str(error), self.history) from None
             finally:
@@ -235,8 +235,8 @@ class ContactProblem(memory.Destroyable):
 
     def _loader(self, adaptive: Callable[[float], None]) -> Callable[[float], None]:
         """The user's function, which all ranks leave alike and interrupts do not wait for."""
-        assert self._interrupts is not None
-        pending, comm = self._interrupts, self.comm
+        assert self.interrupts is not None
+        pending, comm = self.interrupts, self.comm
 
         def load(t: float) -> None:
             self._update_fields()
@@ -316,8 +316,8 @@ class ContactProblem(memory.Destroyable):
 
 def _poll(problem: ContactProblem | None) -> None:
     """Handle interrupts while PETSc is at work. Collective."""
-    if problem is not None and problem._interrupts is not None:
-        problem._interrupts.handle_together(problem.comm)
+    if problem is not None and problem.interrupts is not None:
+        problem.interrupts.handle_together(problem.comm)
 
 
 def _as_dict(i: cpp.Iterate) -> dict[str, Any]:

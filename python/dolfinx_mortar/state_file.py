@@ -139,7 +139,7 @@ def write(comm: MPI.Comm, path: Path, description: dict[str, Any], blocks: Seque
         blocks: Records of the blocks.
 
     Raises:
-        RuntimeError: The file can not be written; on all ranks.
+        RuntimeError: The file cannot be written; on all ranks.
     """
     partial = path.with_name(path.name + ".partial")
     header = _header(
@@ -162,14 +162,14 @@ def write(comm: MPI.Comm, path: Path, description: dict[str, Any], blocks: Seque
         if not complete and comm.rank == 0:
             partial.unlink(missing_ok=True)
     if message:
-        raise RuntimeError(f"The state can not be written to {path}: {message}.")
+        raise RuntimeError(f"The state cannot be written to {path}: {message}.")
 
 
 def _parse(path: Path) -> tuple[dict[str, Any], int]:
     """Header, verified, and its size.
 
     Raises:
-        OSError: The file can not be read.
+        OSError: The file cannot be read.
         ValueError: It is no state file, or it is damaged; the message says so.
     """
     with open(path, "rb") as f:
@@ -225,7 +225,7 @@ def read_description(comm: MPI.Comm, path: Path) -> dict[str, Any]:
 
     result, message = _on_root(comm, parse)
     if message:
-        raise RuntimeError(f"The state can not be read from {path}: {message}.")
+        raise RuntimeError(f"The state cannot be read from {path}: {message}.")
     if result[1]:
         raise RuntimeError(result[1])
     header, size = result[0]
@@ -248,7 +248,7 @@ def read(
         For each block the records, shape (n, width).
 
     Raises:
-        RuntimeError: The file can not be read, or it is damaged; on all ranks.
+        RuntimeError: The file cannot be read, or it is damaged; on all ranks.
     """
     blocks = [
         Block(c, total, np.empty((len(c), width)))
@@ -256,7 +256,7 @@ def read(
     ]
     message = _transfer(comm, path, MPI.MODE_RDONLY, header["size"], blocks)
     if message:
-        raise RuntimeError(f"The state can not be read from {path}: {message}.")
+        raise RuntimeError(f"The state cannot be read from {path}: {message}.")
     for b, expected in zip(blocks, header["checksums"]):
         if _checksum(comm, b) != expected:
             raise RuntimeError(f"{path} is damaged: the checksum of its data is wrong.")

@@ -12,6 +12,18 @@ using namespace dolfinx_mortar;
 
 namespace
 {
+/// What PETSc has said of its last error, see PetscErrorText.
+std::string error_text;
+
+PetscErrorCode keep_error(MPI_Comm, int, const char*, const char*,
+                          PetscErrorCode code, PetscErrorType type,
+                          const char* message, void*)
+{
+  if (type == PETSC_ERROR_INITIAL and message)
+    error_text = message;
+  return code;
+}
+
 /// A vector that looks at the values of somebody else.
 Vector view(Mat A, bool left, std::span<const double> x)
 {
@@ -40,15 +52,26 @@ Vector view(Mat A, bool left, std::span<const double> x)
 } // namespace
 
 //-----------------------------------------------------------------------------
+PetscErrorText::PetscErrorText()
+{
+  error_text.clear();
+  PetscPushErrorHandler(keep_error, nullptr);
+}
+//-----------------------------------------------------------------------------
+PetscErrorText::~PetscErrorText() { PetscPopErrorHandler(); }
+//-----------------------------------------------------------------------------
 void dolfinx_mortar::check(PetscErrorCode code, const char* what)
 {
   if (code == PETSC_SUCCESS)
     return;
   const char* text = nullptr;
   PetscErrorMessage(code, &text, nullptr);
-  throw std::runtime_error(std::string("PETSc failed in ") + what + ": "
-                           + (text ? text : "error ")
-                           + (text ? "" : std::to_string(code)) + ".");
+  std::string message = std::string("PETSc failed in ") + what + ": ";
+  message += text ? text : "error " + std::to_string(code);
+  if (!error_text.empty())
+    message += ", " + error_text;
+  error_text.clear();
+  throw std::runtime_error(message + ".");
 }
 //-----------------------------------------------------------------------------
 std::pair<PetscInt, PetscInt> dolfinx_mortar::local_size(Mat A)
@@ -93,8 +116,7 @@ Matrix dolfinx_mortar::create_from_entries(MPI_Comm comm, PetscInt local_rows,
   triplets.reserve(entries.size());
   for (const Entry& e : entries)
   {
-    if (e.value != 0)
-      triplets.emplace_back(e.row, e.column, e.value);
+    triplets.emplace_back(e.row, e.column, e.value);
   }
   Eigen::SparseMatrix<double, Eigen::RowMajor, PetscInt> S(local_rows,
                                                            local_columns);

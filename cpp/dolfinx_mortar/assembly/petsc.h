@@ -19,6 +19,17 @@ namespace dolfinx_mortar
 /// @throw std::runtime_error The code is that of an error.
 void check(PetscErrorCode code, const char* what);
 
+/// @brief While one of these lives PETSc prints no errors; what it says of them
+/// is in the exceptions of check.
+class PetscErrorText
+{
+public:
+  PetscErrorText();
+  PetscErrorText(const PetscErrorText&) = delete;
+  PetscErrorText& operator=(const PetscErrorText&) = delete;
+  ~PetscErrorText();
+};
+
 /// @brief Owner of a reference to a PETSc object.
 ///
 /// Copies share the object. All ranks of its communicator give up the last

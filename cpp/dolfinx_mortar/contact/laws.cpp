@@ -301,7 +301,7 @@ ContactResidual dolfinx_mortar::contact_residual(const ContactState& state,
   {
     const std::size_t end = end_of_block(state, begin);
     const std::vector<std::size_t> nodes = closed_nodes(begin, end, closed);
-    // On an edge in a symmetry plane, as on three patches, a node can not slide
+    // On an edge in a symmetry plane, as on three patches, a node cannot slide
     bool fixed = false;
     for (int c = 0; c < 3; ++c)
       fixed = fixed or state.fixed[3 * begin + c];

@@ -118,7 +118,7 @@ struct ContactResidual
 /// condition on the gap. It has contact on three at most, those that are
 /// pressed most, and not on two with nearly parallel normals: it could not
 /// satisfy both. Friction there acts along the edge of two patches, see
-/// edge_residual; on three a node can not slide, and has no friction.
+/// edge_residual; on three a node cannot slide, and has no friction.
 ///
 /// @param[in] state Nodal values.
 /// @param[in] friction Tangential behaviour.

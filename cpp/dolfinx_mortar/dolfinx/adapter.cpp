@@ -239,6 +239,12 @@ std::string cell_midpoint(const dolfinx::mesh::Mesh<double>& mesh,
 } // namespace
 
 //-----------------------------------------------------------------------------
+void dolfinx_mortar::check_displacements(
+    const dolfinx::fem::FunctionSpace<double>& V)
+{
+  check_space(V);
+}
+//-----------------------------------------------------------------------------
 std::vector<std::vector<std::int64_t>> dolfinx_mortar::number_blocks(
     const std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>>&
         maps)

@@ -34,6 +34,10 @@ std::vector<std::vector<std::int64_t>> number_blocks(
     const std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>>&
         maps);
 
+/// @brief Refuse a space that is none of displacements, see create_surface.
+/// @throw std::runtime_error It is.
+void check_displacements(const dolfinx::fem::FunctionSpace<double>& V);
+
 /// @brief Facets of one body, as a part of a surface.
 struct SurfacePart
 {

@@ -158,7 +158,10 @@ Layout dolfinx_mortar::create_layout(
   layout.comm = comm;
   std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> maps;
   for (auto& V : spaces)
+  {
+    check_displacements(*V);
     maps.push_back(*V->dofmap()->index_map);
+  }
   layout.blocks = number_blocks(maps);
   std::vector<double> parts;
   for (std::size_t b = 0; b < spaces.size(); ++b)

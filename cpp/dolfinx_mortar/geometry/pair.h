@@ -61,7 +61,7 @@ struct PairPoints
 /// this are left out.
 /// @param[in] derivatives Also compute derivatives.
 /// @param[in,out] points Points are appended.
-/// @throw std::runtime_error A point can not be mapped to a facet, which is
+/// @throw std::runtime_error A point cannot be mapped to a facet, which is
 /// folded or inside out.
 void append_segment_points(const FacetView& slave, const FacetView& master,
                            const QuadratureRule& rule,

@@ -184,7 +184,7 @@ private:
   /// @brief Report the facet as one that no master covers.
   void leave_out();
 
-  /// @brief Leave out a sliver that can not tell the functions apart.
+  /// @brief Leave out a sliver that cannot tell the functions apart.
   void drop();
 
   /// @brief Copy the positions of all candidates.

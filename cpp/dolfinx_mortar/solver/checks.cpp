@@ -180,8 +180,8 @@ dolfinx_mortar::find_blocked(const Coupling& coupling, const Step& step,
 
     // Gaps as if all nodes carried a multiplier
     const std::size_t num = num_local_nodes(c.data.slave);
-    const Basis all{std::vector<std::int8_t>(num, 1),
-                    std::vector<std::int8_t>(num, 0)};
+    const std::vector<std::int8_t> none(num, 0);
+    const Basis all{std::vector<std::int8_t>(num, 1), none, none};
     BlockAccumulator<1, 1> blocks;
     const NodalIntegrals nodal
         = integrate(c.data, all, geometry.configuration, {.B = &blocks});

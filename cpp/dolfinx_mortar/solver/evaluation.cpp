@@ -159,7 +159,7 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
   for (std::size_t j = 0; j < n; ++j)
   {
     e.usable[j] = s.basis.has_multiplier[j] and !step.barred[i][j]
-                  and e.geometry->nodal.coverage[j] != 0;
+                  and e.geometry->nodal.coverage[j] > 0;
   }
   const bool given = !step.scale.empty() and !step.scale[i].empty();
   e.scale = given ? step.scale[i] : s.scale;

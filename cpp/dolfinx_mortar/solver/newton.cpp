@@ -106,6 +106,7 @@ Newton::Newton(Bodies& bodies, const Coupling& coupling, SolverOptions options,
 {
   {
     SolverOptions::Loan loan(_options);
+    PetscErrorText errors;
     _solver = std::make_unique<LinearSolver>(
         coupling.comm(), _options.prefix(), condense,
         coupling.layout.owned(coupling.layout.X, 3));
@@ -232,10 +233,8 @@ std::shared_ptr<const Evaluation> Newton::solve(const State& state,
   PetscErrorCode code;
   {
     SolverOptions::Loan loan(_options);
-    check(PetscPushErrorHandler(PetscReturnErrorHandler, nullptr),
-          "PetscPushErrorHandler");
+    PetscErrorText errors;
     code = SNESSolve(_snes.get(), nullptr, _x.get());
-    check(PetscPopErrorHandler(), "PetscPopErrorHandler");
   }
   if (any(_coupling.comm(), static_cast<bool>(_run->raised)))
     fail(_run->raised);

@@ -3,6 +3,7 @@
 
 #include "newton_system.h"
 #include <algorithm>
+#include <cmath>
 #include <dolfinx_mortar/contact/derivative.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
 
@@ -39,9 +40,45 @@ std::vector<ContactResidual> evaluate_laws(const Coupling& coupling,
   return laws;
 }
 
-void set_contact_nodes(const CoupledInterface& c, const InterfaceEvaluation& e,
-                       const ContactResidual& law, MultiplierNodes& nodes)
+/// Stiffness of the law of friction at a slipping node, see MultiplierNodes.
+///
+/// Tractions turn with the motion: a node that has just begun to slip resists a
+/// motion across its direction nearly as one that sticks. Along it the traction
+/// only follows the pressure.
+Eigen::Matrix3d stiffness_across_slip(const Eigen::Vector3d& normal,
+                                      const Eigen::Matrix3d& dz,
+                                      const Eigen::Matrix3d& dw)
 {
+  // Two tangents as rows
+  Eigen::Matrix<double, 2, 3> axes;
+  axes.row(0) = normal.unitOrthogonal().transpose();
+  axes.row(1) = normal.cross(Eigen::Vector3d(axes.row(0))).transpose();
+  const Eigen::Matrix2d by_z = axes * dz * axes.transpose();
+  const Eigen::Matrix2d by_w = axes * dw * axes.transpose();
+  // Where slip begins the law does not depend on the traction across: the node
+  // sticks
+  const double least = 1e-6 * std::max(by_z.squaredNorm(), 1e-300);
+  double det = by_z.determinant();
+  det = std::abs(det) < least ? least : det;
+  const Eigen::Matrix2d cofactors
+      = by_z.trace() * Eigen::Matrix2d::Identity() - by_z;
+  const Eigen::Matrix2d S = cofactors * by_w / det;
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(
+      Eigen::Matrix2d((S + S.transpose()) / 2));
+  const Eigen::Matrix2d positive
+      = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal()
+        * eigen.eigenvectors().transpose();
+  return axes.transpose() * positive * axes;
+}
+
+void set_contact_nodes(const CoupledInterface& c, const InterfaceEvaluation& e,
+                       const ContactResidual& law, bool frictional,
+                       MultiplierNodes& nodes)
+{
+  // The law of an edge is one of two nodes
+  std::vector<std::int8_t> coupled(c.num_owned(), 0);
+  for (std::int32_t k : law.couplings.rows)
+    coupled[k] = 1;
   for (std::int32_t k = 0; k < c.num_owned(); ++k)
   {
     const std::int32_t j = c.first_node + k;
@@ -57,6 +94,12 @@ void set_contact_nodes(const CoupledInterface& c, const InterfaceEvaluation& e,
     if (status == Status::slip)
       nodes.directions[j] = nodes.normals[j] * nodes.normals[j].transpose();
     nodes.stick[j] = status == Status::stick;
+    if (frictional and status == Status::slip and !coupled[k])
+    {
+      nodes.across[j] = stiffness_across_slip(
+          nodes.normals[j], nodes.dz[j],
+          Eigen::Map<const RowMat3>(law.dw.data() + 9 * k));
+    }
   }
   const ContactCouplings& couplings = law.couplings;
   for (std::size_t i = 0; i < couplings.rows.size(); ++i)
@@ -67,8 +110,8 @@ void set_contact_nodes(const CoupledInterface& c, const InterfaceEvaluation& e,
   }
 }
 
-MultiplierNodes create_nodes(const Coupling& coupling, const State& state,
-                             const Evaluation& e,
+MultiplierNodes create_nodes(const Coupling& coupling, const Step& step,
+                             const State& state, const Evaluation& e,
                              const std::vector<ContactResidual>& laws)
 {
   const std::size_t n = coupling.num_nodes;
@@ -78,6 +121,7 @@ MultiplierNodes create_nodes(const Coupling& coupling, const State& state,
   nodes.diagonal.resize(n);
   nodes.dz.resize(n, Eigen::Matrix3d::Identity());
   nodes.directions.resize(n, Eigen::Matrix3d::Identity());
+  nodes.across.resize(n, Eigen::Matrix3d::Zero());
   nodes.normals.resize(n, Eigen::Vector3d::Zero());
   nodes.stick.resize(n, 0);
   for (std::size_t i = 0; i < coupling.interfaces.size(); ++i)
@@ -91,7 +135,7 @@ MultiplierNodes create_nodes(const Coupling& coupling, const State& state,
     }
     if (!c.is_tie())
     {
-      set_contact_nodes(c, own, laws[i], nodes);
+      set_contact_nodes(c, own, laws[i], step.is_frictional(i), nodes);
       continue;
     }
     const auto tied = tied_dofs(c, state.interfaces[i].basis);
@@ -245,7 +289,7 @@ NewtonSystem dolfinx_mortar::linearise(const Coupling& coupling,
   s.B = evaluation.B;
   s.B_tilde = evaluation.B_tilde;
   s.T_minus_one = step.T_minus_one;
-  s.nodes = create_nodes(coupling, state, evaluation, laws);
+  s.nodes = create_nodes(coupling, step, state, evaluation, laws);
   s.fixed = coupling.fixed_dofs;
   s.tied = !coupling.has_contact();
   s.C_z = create_C_z(coupling, s.nodes);

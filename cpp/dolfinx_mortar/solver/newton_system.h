@@ -40,6 +40,10 @@ struct MultiplierNodes
   /// Projection on the directions that are constrained
   std::vector<Eigen::Matrix3d> directions;
 
+  /// What friction resists across the direction of slip: traction per weighted
+  /// relative motion, symmetric and not negative
+  std::vector<Eigen::Matrix3d> across;
+
   /// Unit normals
   std::vector<Eigen::Vector3d> normals;
 

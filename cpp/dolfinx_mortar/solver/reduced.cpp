@@ -90,7 +90,8 @@ Matrix ReducedPreconditioner::create_W() const
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_operator() const
 {
-  // (I + W)ᵀ K (I + W), as K and the few entries that are to be added to it
+  // (I + W)ᵀ (K + Bᵀ S B) (I + W), as K and the few entries that are to be
+  // added to it
   const Mat K = _s->K.get(), W = _W.get();
   const Matrix KW = multiply(K, W);
   Matrix WK, WKW;
@@ -103,7 +104,7 @@ Matrix ReducedPreconditioner::create_operator() const
   std::vector<Entry> units;
   for (std::int32_t node = 0; node < _s->size_u / 3; ++node)
   {
-    for (int i = 0; i < 3; ++i)
+    for (int i = 0; i < 3 and !_e->constrained[node].isZero(0); ++i)
     {
       for (int j = 0; j < 3; ++j)
       {
@@ -113,7 +114,10 @@ Matrix ReducedPreconditioner::create_operator() const
     }
   }
   const Matrix U = create_from_entries(_comm, _s->size_u, _s->size_u, units);
-  const std::array<Mat, 4> parts = {KW.get(), WK.get(), WKW.get(), U.get()};
+  std::vector<Mat> parts = {KW.get(), WK.get(), WKW.get(), U.get()};
+  const Matrix friction = create_friction();
+  if (friction)
+    parts.push_back(friction.get());
   Matrix A = combine_rows(K, parts, {});
   std::vector<PetscInt> fixed;
   PetscInt begin;
@@ -126,6 +130,45 @@ Matrix ReducedPreconditioner::create_operator() const
   check(MatSetNearNullSpace(A.get(), _modes.get()), "MatSetNearNullSpace");
   check(MatSetOption(A.get(), MAT_SYMMETRIC, PETSC_TRUE), "MatSetOption");
   return A;
+}
+//-----------------------------------------------------------------------------
+Matrix ReducedPreconditioner::create_friction() const
+{
+  // (I + W)ᵀ Bᵀ S B (I + W). Springs that are stiffer than the bodies would
+  // leave out of account that pressures, and friction with them, follow the
+  // motion too.
+  const MultiplierNodes& nodes = _s->nodes;
+  const std::vector<double> stiffness = diagonal(_s->K.get());
+  std::vector<Entry> entries;
+  for (std::size_t j = 0; j < nodes.size(); ++j)
+  {
+    const double size
+        = nodes.across[j].norm() * nodes.diagonal[j] * nodes.diagonal[j];
+    if (!(size > 0))
+      continue;
+    const double most = std::abs(stiffness[3 * nodes.own[j]]);
+    const Matrix3d S = std::min(1.0, most / size) * nodes.across[j];
+    for (int a = 0; a < 3; ++a)
+    {
+      for (int b = 0; b < 3; ++b)
+      {
+        entries.push_back({static_cast<std::int32_t>(3 * j + a),
+                           static_cast<std::int32_t>(3 * j + b), S(a, b)});
+      }
+    }
+  }
+  if (!any(_comm, !entries.empty()))
+    return {};
+  const Matrix springs
+      = create_from_entries(_comm, _s->size_z, _s->size_z, entries);
+  const Matrix motion = multiply(_s->B.get(), _W.get());
+  add(motion.get(), 1.0, _s->B.get());
+  const Matrix traction = multiply(springs.get(), motion.get());
+  Matrix forces;
+  check(MatTransposeMatMult(motion.get(), traction.get(), MAT_INITIAL_MATRIX,
+                            PETSC_DEFAULT, forces.put()),
+        "MatTransposeMatMult");
+  return forces;
 }
 //-----------------------------------------------------------------------------
 std::vector<Matrix3d> ReducedPreconditioner::invert_constraints() const

@@ -39,11 +39,13 @@ struct RowOperator
 ///
 ///     I + W = T (I - Q B̃).
 ///
-/// On these the tangent is (I + W)ᵀ K (I + W), as definite as K: that is what
-/// the inner preconditioner inverts. Motions in the directions of the
-/// constraints follow from the constraints, node by node. Dirichlet dofs are
-/// outside of all this: their rows are unit rows of the condensed system, and
-/// of the preconditioner too.
+/// On these the tangent is (I + W)ᵀ (K + Bᵀ S B) (I + W), as definite as K:
+/// that is what the inner preconditioner inverts. S is what friction resists
+/// across the direction of slip, which turns with the motion; that friction
+/// along it follows the pressure is left out, for it is not symmetric. Motions
+/// in the directions of the constraints follow from the constraints, node by
+/// node. Dirichlet dofs are outside of all this: their rows are unit rows of
+/// the condensed system, and of the preconditioner too.
 class ReducedPreconditioner
 {
 public:
@@ -71,6 +73,7 @@ public:
 private:
   Matrix create_W() const;
   Matrix create_operator() const;
+  Matrix create_friction() const;
   std::vector<Eigen::Matrix3d> invert_constraints() const;
 
   MPI_Comm _comm;

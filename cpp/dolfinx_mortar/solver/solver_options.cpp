@@ -98,27 +98,22 @@ std::string in_database_value(const std::string& name)
   return text.data();
 }
 
-/// Number of letters to insert, remove, exchange or swap with their neighbour.
-std::size_t edit_distance(const std::string& a, const std::string& b)
+/// Twice the length of the longest common subsequence, relative to the sum of
+/// both lengths.
+double similarity(const std::string& a, const std::string& b)
 {
-  std::vector<std::vector<std::size_t>> d(
-      a.size() + 1, std::vector<std::size_t>(b.size() + 1));
-  for (std::size_t i = 0; i <= a.size(); ++i)
+  std::vector<std::size_t> row(b.size() + 1, 0);
+  for (char c : a)
   {
-    for (std::size_t j = 0; j <= b.size(); ++j)
+    std::size_t diagonal = 0;
+    for (std::size_t j = 0; j < b.size(); ++j)
     {
-      if (i == 0 or j == 0)
-      {
-        d[i][j] = i + j;
-        continue;
-      }
-      d[i][j] = std::min({d[i - 1][j] + 1, d[i][j - 1] + 1,
-                          d[i - 1][j - 1] + (a[i - 1] != b[j - 1])});
-      if (i > 1 and j > 1 and a[i - 1] == b[j - 2] and a[i - 2] == b[j - 1])
-        d[i][j] = std::min(d[i][j], d[i - 2][j - 2] + 1);
+      const std::size_t above = row[j + 1];
+      row[j + 1] = c == b[j] ? diagonal + 1 : std::max(above, row[j]);
+      diagonal = above;
     }
   }
-  return d[a.size()][b.size()];
+  return 2.0 * row.back() / (a.size() + b.size());
 }
 
 /// The common option that a name was probably meant to be, empty if it is one
@@ -127,23 +122,16 @@ std::string meant(std::string name)
 {
   std::ranges::transform(name, name.begin(),
                          [](unsigned char c) { return std::tolower(c); });
-  name.erase(0, name.find_first_not_of('-'));
-  std::string best;
-  double nearest = 0.85;
   for (const std::string& known : common)
   {
     if (name == known or name.ends_with("_" + known))
       return "";
-    const double similarity = 1
-                              - static_cast<double>(edit_distance(name, known))
-                                    / std::max(name.size(), known.size());
-    if (similarity >= nearest)
-    {
-      nearest = similarity;
-      best = known;
-    }
   }
-  return best;
+  name.erase(0, name.find_first_not_of('-'));
+  const auto nearest = std::ranges::max_element(
+      common, {},
+      [&](const std::string& known) { return similarity(name, known); });
+  return similarity(name, *nearest) >= 0.85 ? *nearest : "";
 }
 } // namespace
 

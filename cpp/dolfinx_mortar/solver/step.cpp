@@ -93,9 +93,9 @@ InterfaceGeometry choose(const Coupling& coupling, std::size_t i,
   const CoupledInterface& c = coupling.interfaces[i];
   Basis& basis = state.interfaces[i].basis;
   basis.has_multiplier = c.data.candidates;
+  basis.idle.assign(c.data.candidates.size(), 0);
   InterfaceGeometry g = create_geometry(c, basis, u);
-  NodalFlags flags
-      = flag_nonnegative(c.data, g.configuration.x_slave, g.nodal.facet_area);
+  NodalFlags flags = flag_nonnegative(c.data, g.nodal.beyond);
   if (any(coupling.comm(), flags != basis.nonnegative))
   {
     changed[i] = 1;
@@ -194,11 +194,20 @@ void drop_uncovered(const Coupling& coupling, std::size_t i,
                     const InterfaceGeometry& g, State& state, Step& step)
 {
   const CoupledInterface& c = coupling.interfaces[i];
-  NodalFlags& flags = state.interfaces[i].basis.has_multiplier;
+  Basis& basis = state.interfaces[i].basis;
+  NodalFlags& flags = basis.has_multiplier;
   for (std::size_t k = 0; k < flags.size(); ++k)
   {
-    flags[k] = c.data.candidates[k]
-               and g.nodal.coverage[k] > c.min_coverage * step.weights[i][k];
+    const bool covered
+        = g.nodal.coverage[k] > c.min_coverage * step.weights[i][k];
+    flags[k] = c.data.candidates[k] and covered;
+    // Shared among the neighbours, the gap of a node that masters do not touch
+    // would count as theirs: a master that comes under the side of a fillet
+    // would lift the nodes that it rests on. Left out, the node is open, as it
+    // is with a multiplier once it is covered. Where geometry is frozen, gaps
+    // are not those of the integrals.
+    basis.idle[k] = c.is_current() and c.data.candidates[k] and !covered
+                    and !g.nodal.near[k];
   }
   if (!c.is_tie())
     step.barred[i] = find_repeated(c, g, flags);

@@ -106,23 +106,25 @@ double dolfinx_mortar::distance_from_cone(MPI_Comm comm,
         c = s;
         break;
       }
+      // As far as all factors stay positive; the one that does not any more
+      // goes
       double alpha = 1;
+      Eigen::Index last = c.size() - 1;
       for (Eigen::Index i = 0; i < s.size(); ++i)
       {
-        if (s[i] <= 0)
-          alpha = std::min(alpha, c[i] / (c[i] - s[i]));
+        if (s[i] <= 0 and c[i] <= alpha * (c[i] - s[i]))
+        {
+          alpha = c[i] > 0 ? c[i] / (c[i] - s[i]) : 0.0;
+          last = i;
+        }
       }
-      if (!(alpha >= 0))
-        alpha = 0;
       c += alpha * (s - c);
       std::vector<Eigen::Index> kept;
       for (Eigen::Index i = 0; i < c.size(); ++i)
       {
-        if (c[i] > 1e-14)
+        if (i != last)
           kept.push_back(i);
       }
-      if (static_cast<Eigen::Index>(kept.size()) == c.size())
-        kept.pop_back();
       used = MatrixXd(used(Eigen::all, kept));
       c = VectorXd(c(kept));
     }
