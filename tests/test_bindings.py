@@ -153,7 +153,11 @@ def test_interfaces(surfaces):
     short = [cpp.Basis(*(flags(n - (k == j)) for j in range(3))) for k in range(3)]
     arguments = {"interface": interface, "basis": basis, "configuration": c}
     refuses(cpp.integrate, arguments, {"configuration": [foreign], "basis": short})
-    arguments |= {"local_rows": 3 * n, "local_columns": 3 * int(s.blocks.max() + m.blocks.max() + 1), "name": "D"}
+    arguments |= {
+        "local_rows": 3 * n,
+        "local_columns": 3 * int(s.blocks.max() + m.blocks.max() + 1),
+        "name": "D",
+    }
     refuses(cpp.mortar_matrix, arguments, {"configuration": [foreign], "name": ["E"]})
     refuses(
         cpp.nodal_weights,

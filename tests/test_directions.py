@@ -71,4 +71,3 @@ def test_nothing_looks_into_another_object():
                 own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
                 known = node.attr in ("_cpp_object", "_ElementBase", "_BlockedElement")
                 assert own or known, f"{path}:{node.lineno} uses .{node.attr}"
-
