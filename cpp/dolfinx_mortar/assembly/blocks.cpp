@@ -3,9 +3,11 @@
 
 #include "blocks.h"
 #include <algorithm>
+#include <dolfinx_mortar/common/error.h>
 #include <dolfinx_mortar/common/mpi_exchange.h>
 #include <map>
 #include <numeric>
+#include <string>
 
 using namespace dolfinx_mortar;
 
@@ -83,8 +85,9 @@ void BlockAccumulator<R, C>::send_rows(MPI_Comm comm, std::int64_t first,
       kept.push_back(std::move(r));
       continue;
     }
-    const int owner
-        = std::upper_bound(ends.begin(), ends.end(), r.number) - ends.begin();
+    const int owner = std::min<std::ptrdiff_t>(
+        std::upper_bound(ends.begin(), ends.end(), r.number) - ends.begin(),
+        num_ranks - 1);
     std::vector<double>& to = packed[owner];
     to.push_back(r.number);
     to.push_back(r.columns.size());
@@ -127,11 +130,19 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
 
   std::vector<const Row*> rows(size, nullptr);
   std::size_t num_entries = 0;
+  std::string message;
   for (const Row& r : _rows)
   {
+    if (r.number < first or r.number >= first + size)
+    {
+      message = "Row " + std::to_string(r.number)
+                + " of a matrix is beyond its size.";
+      continue;
+    }
     rows[r.number - first] = &r;
     num_entries += r.columns.size() * (scalar ? 3 : R * C);
   }
+  throw_on_all(comm, message);
   std::vector<PetscInt> offsets = {0}, columns;
   std::vector<double> values;
   offsets.reserve(local_rows + 1);
