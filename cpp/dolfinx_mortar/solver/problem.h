@@ -60,11 +60,11 @@ struct ProblemOptions
   std::map<std::string, std::string> petsc_options;
 
   /// Condense the multipliers; by default where all are dual
-  std::optional<bool> condense;
+  std::optional<bool> condense = std::nullopt;
 
   /// Called by all ranks together once in each iteration, and may throw: a
   /// place to look for interrupts
-  std::function<void()> poll;
+  std::function<void()> poll = nullptr;
 };
 
 /// @brief Forces and moments about the origin of an interface.

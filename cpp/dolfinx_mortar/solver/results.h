@@ -17,7 +17,8 @@ struct Field
   /// Number of values at a node
   int columns;
 
-  /// Local displacement block of each node, each once; those this rank owns
+  /// Displacement block of each node, among the local blocks of all bodies (see
+  /// Layout::local_start); each once, those this rank owns
   std::vector<std::int32_t> nodes;
 
   /// Shape (nodes.size(), columns)

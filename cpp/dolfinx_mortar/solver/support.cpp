@@ -125,7 +125,7 @@ double dolfinx_mortar::distance_from_cone(MPI_Comm comm,
         if (i != last)
           kept.push_back(i);
       }
-      used = MatrixXd(used(Eigen::all, kept));
+      used = MatrixXd(used(Eigen::indexing::all, kept));
       c = VectorXd(c(kept));
     }
     left = point - used * c;
@@ -187,7 +187,7 @@ bool dolfinx_mortar::is_overloaded(MPI_Comm comm, const Balance& balance)
     if (balance.edges.row(i).norm() > 0)
       used.push_back(i);
   }
-  MatrixXd edges = balance.edges(used, Eigen::all);
+  MatrixXd edges = balance.edges(used, Eigen::indexing::all);
   edges.rowwise().normalize();
   return distance_from_cone(comm, edges, balance.loads / size) > left_over;
 }
