@@ -5,11 +5,15 @@
 import os
 import signal
 
+from mpi4py import MPI
+
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from dolfinx_mortar import interrupts
 from pressed import pressed
+
+another = pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="one rank has no other")
 
 
 @pytest.fixture(autouse=True)
@@ -60,9 +64,18 @@ PLACES = [
 ]
 
 
-@pytest.mark.parametrize("rank", [0, -1])
+@pytest.fixture(scope="module")
+def undisturbed():
+    """Norms after the two steps."""
+    p = pressed(dm.Contact, elements=("hex20", "hex8"), friction=0.3)
+    p.move(0.0, -0.01)
+    p.move(0.02, -0.02)
+    return p.norms()
+
+
+@pytest.mark.parametrize("rank", [0, pytest.param(-1, marks=another)])
 @pytest.mark.parametrize("place", PLACES, ids=lambda p: f"{p[1]}{p[2]}")
-def test_signal(place, rank, monkeypatch):
+def test_signal(place, rank, undisturbed):
     """On one rank alone, wherever the iteration is."""
     with pytest.MonkeyPatch.context() as patch:
         late = Late(patch, 0)
@@ -78,10 +91,7 @@ def test_signal(place, rank, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
     p.move(0.02, -0.02)
-    other = pressed(dm.Contact, elements=("hex20", "hex8"), friction=0.3)
-    other.move(0.0, -0.01)
-    other.move(0.02, -0.02)
-    assert np.allclose(p.norms(), other.norms(), rtol=1e-9)
+    assert np.allclose(p.norms(), undisturbed, rtol=1e-9)
 
 
 def test_signal_in_a_users_function():
