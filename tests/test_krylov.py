@@ -64,9 +64,8 @@ def test_crossed_cylinders(preconditioner, friction):
     check(count((0, 1)), count(()))
 
 
-@pytest.mark.parametrize("planes", [(0, 1), (1,)], ids=["quarter", "half"])
 @pytest.mark.parametrize("layers", [punch, crossed_cylinders])
-def test_part_and_whole_are_one_problem(layers, planes):
+def test_part_and_whole_are_one_problem(layers):
     """Where a part has the very equations of the whole, a solver takes the same course.
 
     Segments end at a plane of symmetry, which makes the equations differ a little, and Newton's
@@ -79,7 +78,9 @@ def test_part_and_whole_are_one_problem(layers, planes):
         m = model(layers(("hex20", "hex8")), kinds, planes, petsc_options=solver)
         return iterations(m.problem, lambda: m.press(0.08))
 
-    np.testing.assert_allclose(count(planes), count(()), rtol=0, atol=1)
+    whole = count(())
+    for planes in ((0, 1), (1,)):
+        np.testing.assert_allclose(count(planes), whole, rtol=0, atol=1)
 
 
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)

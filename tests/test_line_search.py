@@ -29,7 +29,9 @@ def expected():
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-@pytest.mark.parametrize("elements", [("hex8", "hex8"), ("hex20", "hex8")])
+@pytest.mark.parametrize(
+    "elements", [("hex8", "hex8"), pytest.param(("hex20", "hex8"), marks=pytest.mark.serial)]
+)
 @pytest.mark.parametrize("kind", ["bt", "l2", "nleqerr"])
 def test_line_search(kind, elements, friction, expected):
     options = {"snes_linesearch_type": kind}
