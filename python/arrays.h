@@ -64,7 +64,7 @@ auto as_array(std::vector<T>&& x, std::initializer_list<std::size_t> shape)
 /// axis only); it lives as long as the object, and shows its present values
 template <typename C, typename B, typename T>
 void def_array(nanobind::class_<C>& c, const char* name,
-               std::vector<T> B::*member, const char* doc,
+               std::vector<T> B::* member, const char* doc,
                std::size_t columns = 0)
 {
   c.def_prop_ro(

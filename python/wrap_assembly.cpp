@@ -102,7 +102,8 @@ void wrap_interfaces(nb::module_& m)
   b.def(
       "__init__",
       [](Basis* self, In<std::int8_t> has_multiplier,
-         In<std::int8_t> nonnegative, In<std::int8_t> idle) {
+         In<std::int8_t> nonnegative, In<std::int8_t> idle)
+      {
         new (self) Basis{copy(has_multiplier), copy(nonnegative), copy(idle)};
       },
       nb::arg("has_multiplier"), nb::arg("nonnegative"), nb::arg("idle"));
@@ -242,9 +243,8 @@ void wrap_laws(nb::module_& m)
   nb::class_<Friction>(m, "Friction", "Tangential behaviour.")
       .def(
           "__init__",
-          [](Friction* self, double coefficient, std::optional<double> bound) {
-            new (self) Friction{coefficient, bound};
-          },
+          [](Friction* self, double coefficient, std::optional<double> bound)
+          { new (self) Friction{coefficient, bound}; },
           nb::arg("coefficient") = 0.0, nb::arg("bound").none() = nb::none())
       .def_ro("coefficient", &Friction::coefficient)
       .def_ro("bound", &Friction::bound);
@@ -283,10 +283,9 @@ void wrap_laws(nb::module_& m)
   blocks(r, "dw", &ContactResidual::dw);
   def_array(r, "dg", &ContactResidual::dg, "Shape (n, 3); a view.", 3);
   r.def_prop_ro(
-       "status",
-       [](const ContactResidual& self)
-       { return as_numbers(std::span(self.status)); },
-       nb::rv_policy::automatic, "State of each node, as numbers of Status.")
+       "status", [](const ContactResidual& self)
+       { return as_numbers(std::span(self.status)); }, nb::rv_policy::automatic,
+       "State of each node, as numbers of Status.")
       .def_ro("couplings", &ContactResidual::couplings);
 
   m.def(

@@ -144,7 +144,8 @@ void wrap_facets(nb::module_& m)
   m.def(
       "inverse_transformation",
       [](MultiplierSpace s, FacetType t,
-         std::optional<In<std::int8_t>> positive) {
+         std::optional<In<std::int8_t>> positive)
+      {
         return matrix(inverse_transformation(s, t, flags_or_none(positive, t)));
       },
       nb::arg("space"), nb::arg("type"),

@@ -60,8 +60,7 @@ void wrap_state(nb::module_& m)
        nb::rv_policy::reference_internal)
       .def_ro("dissipation", &InterfaceState::dissipation)
       .def_prop_rw(
-          "status",
-          [](const InterfaceState& s)
+          "status", [](const InterfaceState& s)
           { return as_numbers(std::span(s.status)); },
           [](InterfaceState& s, In<std::int8_t> values)
           {
@@ -74,7 +73,7 @@ void wrap_state(nb::module_& m)
           },
           nb::rv_policy::automatic, "State of each owned node; a copy.");
   auto values
-      = [&](const char* name, std::vector<double> InterfaceState::*member,
+      = [&](const char* name, std::vector<double> InterfaceState::* member,
             std::size_t columns)
   {
     i.def_prop_rw(
@@ -99,7 +98,7 @@ void wrap_state(nb::module_& m)
       .def_rw("started", &State::started)
       .def_rw("interfaces", &State::interfaces)
       .def("__eq__", [](const State& a, const State& b) { return a == b; });
-  auto whole = [&](const char* name, std::vector<double> State::*member)
+  auto whole = [&](const char* name, std::vector<double> State::* member)
   {
     s.def_prop_rw(
         name,
@@ -127,10 +126,8 @@ void wrap_evaluation(nb::module_& m)
             "Scale of the tangential equations.");
   i.def_ro("law", &InterfaceEvaluation::law)
       .def_prop_ro(
-          "nodal",
-          [](const InterfaceEvaluation& e) -> const NodalIntegrals&
-          { return e.geometry->nodal; },
-          nb::rv_policy::reference_internal)
+          "nodal", [](const InterfaceEvaluation& e) -> const NodalIntegrals&
+          { return e.geometry->nodal; }, nb::rv_policy::reference_internal)
       .def_prop_ro(
           "configuration",
           [](const InterfaceEvaluation& e) -> const Configuration&
@@ -168,7 +165,7 @@ void wrap_evaluation(nb::module_& m)
           nb::rv_policy::take_ownership);
 
   nb::class_<NewtonSystem> n(m, "NewtonSystem", "The linearised problem.");
-  auto matrix = [&](const char* name, Matrix NewtonSystem::*member)
+  auto matrix = [&](const char* name, Matrix NewtonSystem::* member)
   {
     n.def_prop_ro(
         name,
@@ -387,13 +384,11 @@ void wrap_contact_problem(nb::module_& m)
           nb::rv_policy::take_ownership, nb::arg("interface"),
           nb::arg("inverse"))
       .def(
-          "inverse",
-          [](const ContactProblem& self, std::size_t i)
-          { return give(self.inverse(i)); },
-          nb::rv_policy::take_ownership, nb::arg("interface"))
+          "inverse", [](const ContactProblem& self, std::size_t i)
+          { return give(self.inverse(i)); }, nb::rv_policy::take_ownership,
+          nb::arg("interface"))
       .def(
-          "constraint_matrix",
-          [](const ContactProblem& self, std::size_t i)
+          "constraint_matrix", [](const ContactProblem& self, std::size_t i)
           { return give(self.constraint_matrix(i)); },
           nb::rv_policy::take_ownership, nb::arg("interface"))
       .def("num_multiplier_nodes", &num_multiplier_nodes, nb::arg("interface"))
@@ -416,7 +411,8 @@ void wrap_contact_problem(nb::module_& m)
       .def_prop_ro("snes", [](ContactProblem& self)
                    { return nb::steal(PyPetscSNES_New(self.newton().snes())); })
       .def_prop_ro("ksp",
-                   [](ContactProblem& self) {
+                   [](ContactProblem& self)
+                   {
                      return nb::steal(
                          PyPetscKSP_New(self.newton().linear_solver().ksp()));
                    })

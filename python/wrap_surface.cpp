@@ -59,14 +59,14 @@ template <typename T>
 void scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward",
-      [](const Surface& s, InOut<T> a)
+      "scatter_forward", [](const Surface& s, InOut<T> a)
       { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a) {
+      [](const Surface& s, InOut<T> a)
+      {
         scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
       },
       nb::arg("surface"), nb::arg("values").noconvert(),

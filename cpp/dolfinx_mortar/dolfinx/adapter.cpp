@@ -79,8 +79,7 @@ check_space(const dolfinx::fem::FunctionSpace<double>& V)
           "element?): use Lagrange of degree 1 or 2, or "
           "dolfinx_mortar.hex20().");
     }
-  }
-  ();
+  }();
   if (!e.value_shape().empty())
   {
     throw std::runtime_error(
@@ -125,9 +124,8 @@ reference_facets(const basix::FiniteElement<double>& e)
   const std::vector<double> geometry
       = basix::cell::geometry<double>(e.cell_type()).first;
   const std::vector<double>& points = e.points().first;
-  auto vertex = [&](int v) -> Vector {
-    return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]};
-  };
+  auto vertex = [&](int v) -> Vector
+  { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
   Vector centre = Vector::Zero();
   const int num_vertices = topology[0].size();
   for (int v = 0; v < num_vertices; ++v)

@@ -125,9 +125,8 @@ void sub_pair_points(const FacetView& slave, const FacetView& master,
   Vec3 e1 = (s.corners[1] - s.corners[0]);
   e1 = (e1 - e1.dot(n) * n).normalized();
   const Vec3 e2 = n.cross(e1);
-  auto plane = [&](const Vec3& x) -> std::array<double, 2> {
-    return {(x - s.centre).dot(e1), (x - s.centre).dot(e2)};
-  };
+  auto plane = [&](const Vec3& x) -> std::array<double, 2>
+  { return {(x - s.centre).dot(e1), (x - s.centre).dot(e2)}; };
   std::array<std::array<double, 2>, 4> ps, pm;
   std::array<double, 4> box_s, box_m;
   auto fill = [&](const LinearPart& part, auto& p, auto& box)

@@ -107,8 +107,8 @@ private:
   int _num_fields;              // 1: gap; 4: and offset
   int _first_other, _num_other; // slave nodes outside of the biorthogonality
 
-  RowMatrix _z;     // multipliers after sharing, shape (nl, 3)
-  RowMatrix _c, _h; // coefficients of λ_h and φ_h, shape (nl, 3 or num_fields)
+  RowMatrix _z;      // multipliers after sharing, shape (nl, 3)
+  RowMatrix _c, _h;  // coefficients of λ_h and φ_h, shape (nl, 3 or num_fields)
   RowMatrix _d_mass; // sums over all pairs, in the order of Rows
   RowMatrix _d_load, _d_field, _d_slave, _d_master;
   RowMatrix _d_normal; // gap by nodal normals, shape (nl, 3 n)

@@ -141,7 +141,7 @@ private:
     RowMatrix field;                 // gap and offset, shape (num_points, 4)
     std::array<RowMatrix, 4> dfield; // ∂/∂ξ₁, ∂/∂ξ₂, ∂/∂η₁, ∂/∂η₂
     RowMatrix normal;                // unit normal, shape (num_points, 3)
-    RowMatrix gap_normal; // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
+    RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
   };
 
   /// The slave facet at hand: what the parts of `compute` share. Positions are
@@ -160,9 +160,9 @@ private:
     std::vector<int> pairs;                // candidates that have points
     std::vector<std::vector<int>> columns; // of M, for the nodes of each
 
-    RowMatrix S;  // ∫ Ñ_j Ñ_k, shape (nl, n), its first columns are M_e
-    RowMatrix Sm; // ∫ Ñ_j N_l∘P, shape (nl, m)
-    RowMatrix b;  // ∫ Ñ_j (gap, offset), shape (nl, 4)
+    RowMatrix S;          // ∫ Ñ_j Ñ_k, shape (nl, n), its first columns are M_e
+    RowMatrix Sm;         // ∫ Ñ_j N_l∘P, shape (nl, m)
+    RowMatrix b;          // ∫ Ñ_j (gap, offset), shape (nl, 4)
     Eigen::VectorXd mass; // diagonal of D_e, shape (nl)
     ScaledCholesky chol;  // of M_e, dual spaces only
     RowMatrix X; // shares of nodes with multiplier in the Φ, shape (nl, n)

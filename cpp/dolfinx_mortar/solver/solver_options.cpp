@@ -128,9 +128,9 @@ std::string meant(std::string name)
       return "";
   }
   name.erase(0, name.find_first_not_of('-'));
-  const auto nearest = std::ranges::max_element(
-      common, {},
-      [&](const std::string& known) { return similarity(name, known); });
+  const auto nearest
+      = std::ranges::max_element(common, {}, [&](const std::string& known)
+                                 { return similarity(name, known); });
   return similarity(name, *nearest) >= 0.85 ? *nearest : "";
 }
 } // namespace

@@ -33,8 +33,7 @@ void build(BoxTree& tree, std::span<const Box> boxes, std::int32_t begin,
         axis = c;
     const std::int32_t middle = begin + (end - begin) / 2;
     auto it = tree.order.begin();
-    std::nth_element(it + begin, it + middle, it + end,
-                     [&](auto a, auto b)
+    std::nth_element(it + begin, it + middle, it + end, [&](auto a, auto b)
                      { return centre(a, axis) < centre(b, axis); });
     build(tree, boxes, begin, middle);
     build(tree, boxes, middle, end);

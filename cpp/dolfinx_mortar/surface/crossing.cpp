@@ -270,11 +270,9 @@ Depth look(const Motion& from, const Motion& at, std::optional<double> distance)
     near.clear();
     query(tree, box_of_point(p),
           [&](std::int32_t i) { near.push_back(&list[i]); });
-    const double d
-        = passed(p, near,
-                 [&](const Triangle& t) {
-                   return distance.value_or(std::max(p.diameter, t.diameter));
-                 });
+    const double d = passed(
+        p, near, [&](const Triangle& t)
+        { return distance.value_or(std::max(p.diameter, t.diameter)); });
     if (d > deep.depth)
       deep = {d, as_array(p.x[1])};
   }

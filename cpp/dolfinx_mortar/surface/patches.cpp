@@ -101,8 +101,7 @@ Patches find_patches(const Surface& s, std::span<const Incidence> incidences,
   std::vector<std::int32_t> patch;
   for (auto begin = order.begin(); begin != order.end();)
   {
-    const auto end = std::find_if(begin, order.end(),
-                                  [&](std::int32_t i)
+    const auto end = std::find_if(begin, order.end(), [&](std::int32_t i)
                                   { return number(i) != number(*begin); });
     const std::span<const std::int32_t> at_node(begin, end);
     patches.count[number(*begin) - s.first_owned]

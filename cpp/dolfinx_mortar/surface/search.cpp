@@ -266,8 +266,7 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   {
     const std::vector<Outline> local = outlines(master, x_master);
     std::vector<Box> boxes(local.size());
-    std::ranges::transform(local, boxes.begin(),
-                           [&](const Outline& o)
+    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
                            { return grown(o.box, reach(o)); });
     near = collect(box, master, x_master, boxes);
   }

@@ -193,8 +193,7 @@ Surface dolfinx_mortar::create_surface(
   owned.erase(split, owned.end());
   auto owner = [&](std::int32_t block)
   { return block_owners[block - num_owned_blocks]; };
-  std::ranges::sort(ghosts, {},
-                    [&](std::int32_t b)
+  std::ranges::sort(ghosts, {}, [&](std::int32_t b)
                     { return std::tuple(owner(b), block_numbers[b]); });
 
   // Tell the owners of the ghosts

@@ -100,7 +100,7 @@ Depth dolfinx_mortar::deepest(MPI_Comm comm, const Depth& mine)
   std::vector<Depth> all(size);
   static_assert(sizeof(Depth) == 4 * sizeof(double));
   MPI_Allgather(&mine, 4, MPI_DOUBLE, all.data(), 4, MPI_DOUBLE, comm);
-  return *std::ranges::max_element(
-      all, {}, [](const Depth& d) { return std::pair(d.depth, d.x); });
+  return *std::ranges::max_element(all, {}, [](const Depth& d)
+                                   { return std::pair(d.depth, d.x); });
 }
 //-----------------------------------------------------------------------------
