@@ -202,6 +202,25 @@ def edged():
     return pressed(dm.Contact, friction=0.3, slave_sides=("z-", "x-", "x+", "y-", "y+"))
 
 
+def test_states_are_values():
+    """A state brings all back; that of another problem is refused."""
+    p = sliding()
+    run(p, STEPS[:1])
+    state, before = p.problem.state, values(p)
+    run(p, STEPS[1:2])
+    assert not np.allclose(values(p), before)
+    p.problem.restore(state)
+    assert p.problem.state == state
+    np.testing.assert_allclose(values(p), before, rtol=1e-12, atol=1e-12)
+    other = pressed(dm.Tie, elements=("hex8", "hex8"))
+    with pytest.raises(ValueError, match="are needed"):
+        other.problem.restore(state)
+    state.z = np.append(state.z, 0.0)
+    with pytest.raises(ValueError, match="another problem"):
+        p.problem.restore(state)
+    np.testing.assert_allclose(values(p), before, rtol=1e-12, atol=1e-12)
+
+
 def test_interrupted_save_keeps_the_previous_file(folder, monkeypatch):
     p = sliding()
     run(p, STEPS[:1])

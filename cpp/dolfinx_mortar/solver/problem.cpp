@@ -104,6 +104,32 @@ void check_start(const Coupling& coupling, const Step& step,
   }
 }
 
+/// Refuse a state of another problem. Collective.
+void check_state(const Coupling& coupling, const State& state)
+{
+  const std::size_t n = coupling.layout.size(), m = coupling.size();
+  bool fits = state.z.size() == m
+              and (state.u.size() == n or (state.u.empty() and !state.started))
+              and state.interfaces.size() == coupling.interfaces.size();
+  for (std::size_t i = 0; fits and i < state.interfaces.size(); ++i)
+  {
+    const CoupledInterface& c = coupling.interfaces[i];
+    const InterfaceState& s = state.interfaces[i];
+    const std::size_t local = num_local_nodes(c.data.slave);
+    const std::size_t owned = c.num_owned();
+    for (const auto* flags :
+         {&s.basis.has_multiplier, &s.basis.nonnegative, &s.basis.idle})
+      fits = fits and flags->size() == local;
+    if (c.is_tie() or !state.started)
+      continue;
+    fits = fits and s.status.size() == owned and s.slip.size() == 3 * owned;
+    for (const auto* values : {&s.c_n, &s.c_t, &s.scale})
+      fits = fits and values->size() == owned;
+  }
+  if (any(coupling.comm(), !fits))
+    throw std::invalid_argument("The state is that of another problem.");
+}
+
 std::vector<double> concatenate(std::span<const double> u,
                                 std::span<const double> z)
 {
@@ -328,6 +354,7 @@ int ContactProblem::solve(const std::function<void(double)>& load, int max_cuts)
 //-----------------------------------------------------------------------------
 void ContactProblem::resume(const State& state)
 {
+  check_state(_coupling, state);
   _bodies.set_displacements(state.u);
   const std::vector<double> u = _bodies.local_displacements();
   State resumed = state;
@@ -345,6 +372,7 @@ void ContactProblem::resume(const State& state)
 //-----------------------------------------------------------------------------
 void ContactProblem::restore(const State& state, std::span<const double> u)
 {
+  check_state(_coupling, state);
   _evaluation.reset();
   if (state.started)
   {

@@ -136,6 +136,8 @@ public:
   /// @param[in] state State of this problem.
   /// @param[in] u Displacements of the owned dofs; of the state, unless a solve
   /// is to start from others.
+  /// @throw std::invalid_argument On all ranks, where the state is that of
+  /// another problem.
   void restore(const State& state, std::span<const double> u);
 
   /// @brief Take a state that comes from elsewhere, as from a file: bases are
