@@ -8,6 +8,7 @@
 #include <dolfinx_mortar/contact/state.h>
 #include <dolfinx_mortar/solver/checks.h>
 #include <dolfinx_mortar/solver/convergence_error.h>
+#include <dolfinx_mortar/solver/interface_matrices.h>
 #include <dolfinx_mortar/solver/messages.h>
 #include <dolfinx_mortar/solver/problem.h>
 #include <dolfinx_mortar/solver/relocation.h>
@@ -367,7 +368,7 @@ void wrap_contact_problem(nb::module_& m)
           "resultants",
           [](const ContactProblem& self, std::size_t i)
           {
-            const Resultants r = self.resultants(i);
+            const Resultants r = resultants(self, i);
             return std::vector<std::array<double, 3>>{
                 r.slave_force, r.master_force, r.slave_moment, r.master_moment};
           },
@@ -375,22 +376,31 @@ void wrap_contact_problem(nb::module_& m)
       .def(
           "mortar_matrix",
           [](const ContactProblem& self, std::size_t i, const std::string& name)
-          { return give(self.mortar_matrix(i, name.at(0))); },
+          { return give(mortar_matrix(self, i, name.at(0))); },
           nb::rv_policy::take_ownership, nb::arg("interface"), nb::arg("name"))
       .def(
           "transformation",
           [](const ContactProblem& self, std::size_t i, bool inverse)
-          { return give(self.transformation(i, inverse)); },
+          { return give(transformation(self, i, inverse)); },
           nb::rv_policy::take_ownership, nb::arg("interface"),
           nb::arg("inverse"))
       .def(
           "inverse", [](const ContactProblem& self, std::size_t i)
-          { return give(self.inverse(i)); }, nb::rv_policy::take_ownership,
+          { return give(inverse(self, i)); }, nb::rv_policy::take_ownership,
           nb::arg("interface"))
       .def(
-          "constraint_matrix", [](const ContactProblem& self, std::size_t i)
-          { return give(self.constraint_matrix(i)); },
-          nb::rv_policy::take_ownership, nb::arg("interface"))
+          "constraints",
+          [](const ContactProblem& self, std::size_t i)
+          {
+            Constraints c = constraints(self, i);
+            const std::size_t n = c.slaves.size(), m = c.masters.size();
+            return nb::make_tuple(as_array(std::move(c.slaves), {n}),
+                                  as_array(std::move(c.masters), {m}),
+                                  as_array(std::move(c.coefficients), {m}),
+                                  as_array(std::move(c.owners), {m}),
+                                  as_array(std::move(c.offsets), {n + 1}));
+          },
+          nb::arg("interface"), "Fields of Constraints, in their order.")
       .def("num_multiplier_nodes", &num_multiplier_nodes, nb::arg("interface"))
       .def(
           "results",

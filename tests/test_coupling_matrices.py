@@ -212,15 +212,18 @@ def test_constraints(pair):
     problem, tie = coupled(case, u, multiplier="dual")
     problem.solve()
     solution = np.concatenate(comm.allgather(nodal.displacements(problem)))
-    constraints = tie.constraints()
-    number = comm.allreduce(len(constraints))
-    assert number == 3 * tie.num_multiplier_nodes
-    slaves = set().union(*comm.allgather({dof for dof, _, _ in constraints}))
-    assert len(slaves) == number
+    c = tie.constraints()
+    assert comm.allreduce(len(c.slaves)) == 3 * tie.num_multiplier_nodes
+    first = 3 * problem.coupling.layout.first_block
+    slaves = set().union(*comm.allgather((first + c.slaves).tolist()))
+    assert not slaves.intersection(c.masters.tolist())
     scale = np.abs(solution).max()
-    for dof, masters, coefficients in constraints:
-        assert not slaves.intersection(masters.tolist())
-        assert abs(solution[dof] - coefficients @ solution[masters]) < 1e-9 * scale
+    starts = comm.allgather(first)
+    assert (c.owners == np.searchsorted(starts, c.masters, side="right") - 1).all()
+    for i, dof in enumerate(c.slaves):
+        part = slice(c.offsets[i], c.offsets[i + 1])
+        masters, coefficients = c.masters[part], c.coefficients[part]
+        assert abs(solution[first + dof] - coefficients @ solution[masters]) < 1e-9 * scale
         assert abs(coefficients.sum() - 1) < 1e-11
         assert (masters % 3 == dof % 3).all()
 

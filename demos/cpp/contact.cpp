@@ -183,7 +183,7 @@ int main(int argc, char* argv[])
       lower_file.write(step);
 
       // The contact force on the upper block; how many nodes stick and slip
-      const std::array<double, 3> f = problem.resultants(0).slave_force;
+      const std::array<double, 3> f = resultants(problem, 0).slave_force;
       const mortar::Iterate& last = problem.history().back();
       largest = mortar::max(MPI_COMM_WORLD, largest);
       if (dolfinx::MPI::rank(MPI_COMM_WORLD) == 0)

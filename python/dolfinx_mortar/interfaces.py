@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from petsc4py import PETSc
 
@@ -38,6 +38,24 @@ MAX_DEGREE = 30
 #: and fails with 0.02, where nodes at its edges carry five times the pressure of the others; with
 #: 0.3 one node is left under it at times.
 MIN_COVERAGE = 0.15
+
+
+class Constraints(NamedTuple):
+    """Constraints u_slave = Σ c u_master, as ``add_constraint`` of dolfinx_mpc takes them.
+
+    The masters of ``slaves[i]`` are ``masters[offsets[i]:offsets[i + 1]]``.
+    """
+
+    slaves: npt.NDArray[np.int32]
+    """Slave dofs of this rank, local numbers, ascending."""
+    masters: npt.NDArray[np.int64]
+    """Master dofs, global numbers."""
+    coefficients: npt.NDArray[np.float64]
+    """Coefficient of each master dof."""
+    owners: npt.NDArray[np.int32]
+    """Rank that owns each master dof."""
+    offsets: npt.NDArray[np.int32]
+    """Where the masters of each slave dof start; shape (number of slave dofs + 1)."""
 
 
 class Interface:
@@ -309,26 +327,16 @@ class Tie(Interface):
             options.set_positions(*self.positions)
         return options
 
-    def constraints(self) -> list[tuple[int, npt.NDArray[np.int64], npt.NDArray[np.float64]]]:
-        """The tie as master–slave constraints u_slave = Σ c_k u_k. Collective.
+    def constraints(self) -> Constraints:
+        """The tie as master–slave constraints u_slave = Σ c u_master. Collective.
 
         Returns:
-            For each slave dof of this rank ``(dof, master dofs, coefficients)``, with dofs of the
-            coupled problem, ``3 * block + component``; in a problem with one body that is
-            DOLFINx's global numbering. Masters are the dofs of the master surface, and slave
-            nodes that carry no multiplier themselves.
+            What ``add_constraint`` of dolfinx_mpc takes. Dofs are those of the coupled problem,
+            ``3 * block + component``; in a problem with one body that is DOLFINx's numbering.
+            Masters are the dofs of the master surface, and slave nodes that carry no multiplier
+            themselves.
 
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        C, surface = self._maker().constraint_matrix(self._index), self.data.slave
-        n = surface.num_owned
-        tied = (self.state.basis.has_multiplier[:n, None] != 0) & (self.data.fixed[:n] == 0)
-        dofs = (3 * surface.blocks[:n, None] + np.arange(3))[tied]
-        out = []
-        for dof in np.sort(dofs):
-            columns, values = C.getRow(dof)
-            used = np.abs(values) > 1e-14 * np.max(np.abs(values), initial=0.0)
-            out.append((int(dof), columns[used].astype(np.int64), values[used]))
-        C.destroy()
-        return out
+        return Constraints(*self._maker().constraints(self._index))

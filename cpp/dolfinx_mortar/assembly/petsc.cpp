@@ -204,22 +204,22 @@ Vector dolfinx_mortar::create_vector(MPI_Comm comm,
   check(VecCreate(comm, v.put()), "VecCreate");
   check(VecSetSizes(v.get(), values.size(), PETSC_DETERMINE), "VecSetSizes");
   check(VecSetType(v.get(), VECSTANDARD), "VecSetType");
-  PetscScalar* x;
-  check(VecGetArrayWrite(v.get(), &x), "VecGetArrayWrite");
-  std::ranges::copy(values, x);
-  check(VecRestoreArrayWrite(v.get(), &x), "VecRestoreArrayWrite");
+  set_values(v.get(), values);
   return v;
 }
 //-----------------------------------------------------------------------------
 std::vector<double> dolfinx_mortar::local_values(Vec x)
 {
-  PetscInt n;
-  const PetscScalar* values;
-  check(VecGetLocalSize(x, &n), "VecGetLocalSize");
-  check(VecGetArrayRead(x, &values), "VecGetArrayRead");
-  std::vector<double> copy(values, values + n);
-  check(VecRestoreArrayRead(x, &values), "VecRestoreArrayRead");
-  return copy;
+  const VectorView view(x);
+  return {view.get().begin(), view.get().end()};
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::set_values(Vec x, std::span<const double> values)
+{
+  PetscScalar* data;
+  check(VecGetArrayWrite(x, &data), "VecGetArrayWrite");
+  std::ranges::copy(values, data);
+  check(VecRestoreArrayWrite(x, &data), "VecRestoreArrayWrite");
 }
 //-----------------------------------------------------------------------------
 std::int64_t dolfinx_mortar::first_of_rank(MPI_Comm comm, std::int64_t size)

@@ -189,6 +189,33 @@ Vector create_vector(MPI_Comm comm, std::span<const double> values);
 /// @brief Copy of the values of this rank.
 std::vector<double> local_values(Vec x);
 
+/// @brief Set the values of this rank.
+void set_values(Vec x, std::span<const double> values);
+
+/// @brief Values of this rank, read-only, as long as this lives.
+class VectorView
+{
+public:
+  explicit VectorView(Vec x) : _x(x)
+  {
+    check(VecGetLocalSize(x, &_size), "VecGetLocalSize");
+    check(VecGetArrayRead(x, &_data), "VecGetArrayRead");
+  }
+  VectorView(const VectorView&) = delete;
+  VectorView& operator=(const VectorView&) = delete;
+  ~VectorView() { VecRestoreArrayRead(_x, &_data); }
+
+  std::span<const double> get() const
+  {
+    return {_data, static_cast<std::size_t>(_size)};
+  }
+
+private:
+  Vec _x;
+  PetscInt _size = 0;
+  const PetscScalar* _data = nullptr;
+};
+
 /// @brief First of this rank's `size` consecutive numbers. Collective.
 std::int64_t first_of_rank(MPI_Comm comm, std::int64_t size);
 

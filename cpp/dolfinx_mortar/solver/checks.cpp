@@ -266,3 +266,37 @@ dolfinx_mortar::find_barely_covered(const Coupling& coupling, const Step& step,
   }
   return std::nullopt;
 }
+//-----------------------------------------------------------------------------
+std::optional<Infinite>
+dolfinx_mortar::find_infinite(const Coupling& coupling,
+                              std::span<const double> residual)
+{
+  MPI_Comm comm = coupling.comm();
+  auto finite = [](std::span<const double> values)
+  {
+    return std::ranges::all_of(values,
+                               [](double v) { return std::isfinite(v); });
+  };
+  if (!any(comm, !finite(residual)))
+    return std::nullopt;
+  bool prescribed = false;
+  for (std::int32_t dof : coupling.fixed_dofs)
+    prescribed = prescribed or !std::isfinite(residual[dof]);
+  if (any(comm, prescribed))
+    return Infinite{Infinite::Kind::prescribed, {}};
+  const std::vector<double> X = coupling.layout.owned(coupling.layout.X, 3);
+  std::array<double, 3> at = {infinity, infinity, infinity};
+  for (std::size_t k = 0; k < X.size(); k += 3)
+  {
+    if (!finite(residual.subspan(k, 3)))
+      at = std::min(at, {X[k], X[k + 1], X[k + 2]});
+  }
+  int size;
+  MPI_Comm_size(comm, &size);
+  std::vector<std::array<double, 3>> all(size);
+  MPI_Allgather(at.data(), 3, MPI_DOUBLE, all.data(), 3, MPI_DOUBLE, comm);
+  at = *std::ranges::min_element(all);
+  return Infinite{std::isfinite(at[0]) ? Infinite::Kind::force
+                                       : Infinite::Kind::traction,
+                  at};
+}

@@ -72,4 +72,24 @@ std::optional<Located> find_lost(const CoupledInterface& c,
 std::optional<std::pair<Located, std::size_t>>
 find_barely_covered(const Coupling& coupling, const Step& step,
                     const State& state, const Evaluation& evaluation);
+
+/// A part of a residual that is not a finite number.
+struct Infinite
+{
+  enum class Kind
+  {
+    prescribed, // displacement
+    traction,
+    force
+  };
+  Kind kind;
+
+  /// Where a force is not finite
+  std::array<double, 3> x;
+};
+
+/// @brief What of a residual is not finite. Collective.
+/// @param[in] residual See Iteration.
+std::optional<Infinite> find_infinite(const Coupling& coupling,
+                                      std::span<const double> residual);
 } // namespace dolfinx_mortar

@@ -103,6 +103,25 @@ std::string messages::sliding()
          "smaller load steps help. The state is as before the step.";
 }
 //-----------------------------------------------------------------------------
+std::string messages::infinite_force(const std::array<double, 3>& x)
+{
+  return "The residual force is not finite near X = " + point(x);
+}
+//-----------------------------------------------------------------------------
+std::string messages::infinite(const Infinite& what)
+{
+  switch (what.kind)
+  {
+  case Infinite::Kind::prescribed:
+    return "A prescribed displacement is not a finite number.";
+  case Infinite::Kind::traction:
+    return "A contact traction is not a finite number.";
+  default:
+    return infinite_force(what.x)
+           + ": a load is not a finite number, or a cell is inside out.";
+  }
+}
+//-----------------------------------------------------------------------------
 std::string messages::not_held()
 {
   return "No slave node is in contact, and without contact a body is not held: "

@@ -30,6 +30,10 @@ std::string lost(const CoupledInterface& c, const Located& facet);
 std::string barely_covered(const CoupledInterface& c, const Located& node);
 std::string start_overlap(double depth);
 std::string sliding();
+
+/// Beginning of a sentence, without its full stop.
+std::string infinite_force(const std::array<double, 3>& x);
+std::string infinite(const Infinite& what);
 std::string not_held();
 
 /// What became of an iteration that ended without a solution.

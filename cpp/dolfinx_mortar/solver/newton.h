@@ -3,12 +3,10 @@
 
 #pragma once
 
-#include "evaluation.h"
-#include "history.h"
+#include "convergence.h"
+#include "failure.h"
 #include "linear_solver.h"
 #include "solver_options.h"
-#include <dolfinx_mortar/contact/active_sets.h>
-#include <dolfinx_mortar/dolfinx/bodies.h>
 #include <exception>
 #include <functional>
 #include <memory>
@@ -19,30 +17,6 @@
 
 namespace dolfinx_mortar
 {
-/// @brief Everything that follows from displacements and multipliers [u, z].
-struct Iteration
-{
-  /// Of the interfaces
-  Evaluation interfaces;
-
-  /// Residual [forces, constraints]; at Dirichlet dofs the distance to the
-  /// prescribed displacement
-  std::vector<double> residual;
-
-  /// Residual forces without those of contact, zero at Dirichlet dofs
-  std::vector<double> free_forces;
-
-  /// Size of the forces at work: reactions and contact forces
-  double force_scale = 0;
-};
-
-/// @brief Evaluate bodies and interfaces. Collective.
-/// @param[in,out] bodies Their displacements are set.
-/// @param[in] coupling,step,state What does not change in a solve.
-/// @param[in] x Displacements and multipliers of the owned dofs.
-Iteration evaluate(Bodies& bodies, const Coupling& coupling, const Step& step,
-                   const State& state, std::span<const double> x);
-
 /// @brief Newton's iteration by PETSc's SNES, for geometry, material, active
 /// sets, stick and slip at once.
 class Newton
@@ -115,23 +89,13 @@ private:
   void linearise(std::span<const double> x);
   void check_support(Mat K);
   SNESConvergedReason test(int it, double norm);
-  bool undecided(double rtol) const;
   void shorten(std::span<const double> x, Vec y);
   double length_of_step() const;
 
-  /// Say where the present residual is not finite; empty where it is.
-  /// Collective.
-  std::string find_infinite() const;
-
-  /// What may be behind a failure; empty where nothing is known. Collective.
-  std::string find_hint() const;
-  std::string find_barely() const;
-  std::string explain_reason(SNESConvergedReason reason) const;
+  FailedSolve failed_solve() const;
 
   /// Raise what ended the iteration. Collective.
   [[noreturn]] void fail(std::exception_ptr raised);
-
-  bool slides_away() const;
 
   Bodies& _bodies;
   const Coupling& _coupling;
@@ -153,6 +117,7 @@ private:
     std::optional<Iteration> iteration;
     std::optional<NewtonSystem> system;
     std::vector<double> row_scale; // empty for ones
+    ForceReference reference;
     ActiveSets sets;
     std::exception_ptr raised;
     std::string failure; // why the last step was shortened
@@ -160,9 +125,6 @@ private:
     double step_length = 0;    // relative to Newton's
     std::vector<double> begin; // of the last step
     double newton_length = 0;  // of Newton's step from there
-    std::optional<double> first_residual;
-    double force_floor = 0;
-    bool has_balance = false;
     std::function<bool()> overloaded;
   };
   std::optional<Run> _run;

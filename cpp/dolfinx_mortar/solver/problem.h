@@ -67,12 +67,6 @@ struct ProblemOptions
   std::function<void()> poll = nullptr;
 };
 
-/// @brief Forces and moments about the origin of an interface.
-struct Resultants
-{
-  std::array<double, 3> slave_force, master_force, slave_moment, master_moment;
-};
-
 /// @brief Numbers and tables of a coupled problem: surfaces of all interfaces,
 /// multipliers, candidates. Collective.
 /// @param[in] layout Displacement dofs of the bodies.
@@ -164,27 +158,6 @@ public:
   /// @brief Change the tangential behaviour of a contact, from the next solve
   /// on.
   void set_friction(std::size_t interface, const Friction& friction);
-
-  /// @brief Forces and moments of a contact in the last accepted state.
-  Resultants resultants(std::size_t interface) const;
-
-  /// @brief D or M of an interface (equations 3.5, 3.6), a contact's in the
-  /// present configuration; multiplier by displacement dofs.
-  Matrix mortar_matrix(std::size_t interface, char which) const;
-
-  /// @brief T, or its inverse, of an interface; the identity off its slave
-  /// nodes.
-  Matrix transformation(std::size_t interface, bool inverse) const;
-
-  /// @brief D⁻¹ = T D̃⁻¹ of an interface with dual multipliers; displacement by
-  /// multiplier dofs.
-  /// @throw std::runtime_error Multipliers are not at all nodes, or a node on
-  /// an edge carries one for each of several patches.
-  Matrix inverse(std::size_t interface) const;
-
-  /// @brief The tie as u_slave = C u, in the rows of the slave dofs that it
-  /// determines; displacement by displacement dofs.
-  Matrix constraint_matrix(std::size_t interface) const;
 
   /// @brief The tangential behaviour of an interface.
   const Friction& friction(std::size_t interface) const

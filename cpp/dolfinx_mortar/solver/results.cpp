@@ -193,3 +193,50 @@ std::int64_t dolfinx_mortar::num_multiplier_nodes(const ContactProblem& problem,
                                            [](auto f) { return f != 0; });
   return sum(problem.coupling().comm(), count);
 }
+//-----------------------------------------------------------------------------
+Resultants dolfinx_mortar::resultants(const ContactProblem& problem,
+                                      std::size_t interface)
+{
+  const Coupling& coupling = problem.coupling();
+  const State& state = problem.state();
+  const Evaluation* evaluation = problem.evaluation();
+  if (!evaluation)
+  {
+    throw std::runtime_error(
+        "There is no solution yet: call solve() of the ContactProblem first.");
+  }
+  const CoupledInterface& c = coupling.interfaces.at(interface);
+  BlockAccumulator<1, 1> D, M;
+  integrate(c.data, state.interfaces[interface].basis,
+            evaluation->interfaces[interface].geometry->configuration,
+            {.D = &D, .M = &M});
+  const std::int32_t rows = coupling.size(), columns = coupling.layout.size();
+  std::vector<double> z(rows, 0.0);
+  std::ranges::copy(
+      coupling.part(std::span<const double>(state.z), interface, 3),
+      coupling.part(std::span(z), interface, 3).begin());
+  std::vector<double> x = coupling.layout.owned(coupling.layout.X, 3);
+  for (std::size_t i = 0; i < x.size() and c.is_current(); ++i)
+    x[i] += state.u[i];
+  auto resultant = [&](BlockAccumulator<1, 1>& blocks, double sign)
+  {
+    const Matrix A = blocks.assemble(coupling.comm(), rows, columns);
+    const std::vector<double> f = multiply_transposed(A.get(), z);
+    std::vector<double> sums(6, 0.0);
+    for (std::size_t k = 0; k < f.size(); k += 3)
+    {
+      for (int d = 0; d < 3; ++d)
+      {
+        const int e = (d + 1) % 3, g = (d + 2) % 3;
+        sums[d] += sign * f[k + d];
+        sums[3 + d] += sign * (x[k + e] * f[k + g] - x[k + g] * f[k + e]);
+      }
+    }
+    return sum(coupling.comm(), std::move(sums));
+  };
+  const std::vector<double> s = resultant(D, -1), m = resultant(M, 1);
+  return {{s[0], s[1], s[2]},
+          {m[0], m[1], m[2]},
+          {s[3], s[4], s[5]},
+          {m[3], m[4], m[5]}};
+}

@@ -35,6 +35,17 @@ struct Field
 std::vector<Field> results(const ContactProblem& problem,
                            std::size_t interface);
 
+/// @brief Forces and moments about the origin of an interface.
+struct Resultants
+{
+  std::array<double, 3> slave_force, master_force, slave_moment, master_moment;
+};
+
+/// @brief Forces and moments of a contact in the last accepted state.
+/// Collective.
+/// @throw std::runtime_error On all ranks, before the first solve.
+Resultants resultants(const ContactProblem& problem, std::size_t interface);
+
 /// @brief Number of slave nodes, on all ranks, that carry a multiplier.
 /// Collective.
 std::int64_t num_multiplier_nodes(const ContactProblem& problem,

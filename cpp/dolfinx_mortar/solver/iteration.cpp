@@ -1,0 +1,36 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "iteration.h"
+#include <dolfinx_mortar/common/error.h>
+
+using namespace dolfinx_mortar;
+
+//-----------------------------------------------------------------------------
+Iteration dolfinx_mortar::evaluate(Bodies& bodies, const Coupling& coupling,
+                                   const Step& step, const State& state,
+                                   std::span<const double> x)
+{
+  const std::size_t n = coupling.layout.size();
+  const std::span<const double> u = x.first(n), z = x.subspan(n);
+  bodies.set_displacements(u);
+  Iteration it;
+  it.free_forces = bodies.residual();
+  it.interfaces
+      = evaluate(coupling, step, state, bodies.local_displacements(), u, z);
+  it.residual = it.free_forces;
+  for (std::size_t i = 0; i < n; ++i)
+    it.residual[i] += it.interfaces.force[i];
+  std::vector<double> at_work = it.interfaces.force;
+  const std::vector<double> prescribed = bodies.prescribed_values();
+  for (std::int32_t dof : coupling.fixed_dofs)
+  {
+    at_work.push_back(it.residual[dof]);
+    it.residual[dof] = u[dof] - prescribed[dof];
+    it.free_forces[dof] = 0;
+  }
+  it.force_scale = norm(coupling.comm(), at_work);
+  it.residual.insert(it.residual.end(), it.interfaces.constraints.begin(),
+                     it.interfaces.constraints.end());
+  return it;
+}
