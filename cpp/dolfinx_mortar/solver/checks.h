@@ -24,9 +24,10 @@ struct Located
   std::array<double, 3> x;
 };
 
-/// @brief Gaps of the owned nodes [length] as results show them: far from the
-/// master, where the negative parts of the multiplier's functions would feign
-/// penetration, the mean gap around; zero without a multiplier.
+/// @brief Gaps of the owned nodes [length] as results show them: the mean
+/// gap around where the master is far, since negative parts of multiplier
+/// functions would show a penetration there that does not exist; zero without a
+/// multiplier.
 /// @param[in] status States of the owned nodes.
 std::vector<double> shown_gaps(const CoupledInterface& c, const Basis& basis,
                                const InterfaceEvaluation& evaluation,

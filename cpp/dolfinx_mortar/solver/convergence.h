@@ -45,8 +45,8 @@ Iterate measure(const Coupling& coupling, const Step& step, const State& state,
                 ActiveSets& sets);
 
 /// @brief Whether the last change of active sets is of nodes that have neither
-/// gap nor traction: round-off moves them back and forth, and either state
-/// solves the problem. Collective.
+/// gap nor traction: round-off alone changes their states, and either
+/// state solves the problem. Collective.
 /// @param[in] rtol Relative tolerance of the iteration.
 bool is_undecided(const Coupling& coupling, const Step& step,
                   const State& state, const Evaluation& evaluation,

@@ -21,7 +21,7 @@ bool dolfinx_mortar::ends_slipping(const History& history)
   return slipping >= 2;
 }
 //-----------------------------------------------------------------------------
-bool dolfinx_mortar::wanders(const History& history)
+bool dolfinx_mortar::stagnates(const History& history)
 {
   if (history.size() < 4)
     return false;

@@ -40,5 +40,5 @@ bool ends_slipping(const History& history);
 
 /// @brief All nodes have slipped for four iterations, and the residual does not
 /// fall.
-bool wanders(const History& history);
+bool stagnates(const History& history);
 } // namespace dolfinx_mortar

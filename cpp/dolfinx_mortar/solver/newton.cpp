@@ -187,7 +187,7 @@ void Newton::check_support(Mat K)
   Run& run = *_run;
   const Iteration& it = *run.iteration;
   if (_history.back().active == 0
-      and is_flying(_coupling, it.interfaces, K, it.free_forces))
+      and is_unsupported(_coupling, it.interfaces, K, it.free_forces))
   {
     throw ConvergenceError("Nothing holds a body against its loads.");
   }
@@ -201,7 +201,7 @@ void Newton::check_support(Mat K)
       { return is_overloaded(comm, balance); };
     }
   }
-  else if (wanders(_history) and slides_away(_coupling, run.step, _history)
+  else if (stagnates(_history) and slides_away(_coupling, run.step, _history)
            and run.overloaded and run.overloaded())
   {
     throw ConvergenceError("Friction does not hold a body against its loads.");

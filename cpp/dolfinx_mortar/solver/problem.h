@@ -126,7 +126,7 @@ public:
   /// @brief State of the last accepted step.
   const State& state() const { return _state; }
 
-  /// @brief Go back (or forth) to a state; displacements become those of `u`.
+  /// @brief Restore a state; displacements become those of `u`.
   /// @param[in] state State of this problem.
   /// @param[in] u Displacements of the owned dofs; of the state, unless a solve
   /// is to start from others.

@@ -192,7 +192,7 @@ bool dolfinx_mortar::is_overloaded(MPI_Comm comm, const Balance& balance)
   return distance_from_cone(comm, edges, balance.loads / size) > left_over;
 }
 //-----------------------------------------------------------------------------
-bool dolfinx_mortar::is_flying(const Coupling& coupling,
+bool dolfinx_mortar::is_unsupported(const Coupling& coupling,
                                const Evaluation& evaluation, Mat K,
                                std::span<const double> force)
 {

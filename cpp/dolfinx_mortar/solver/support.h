@@ -8,7 +8,7 @@
 #include <optional>
 
 // Whether anything holds bodies against their loads. Where friction cannot,
-// there is no static solution, and Newton's iteration wanders about with all
+// there is no static solution, and Newton's iteration stagnates about with all
 // nodes slipping.
 
 namespace dolfinx_mortar
@@ -42,7 +42,7 @@ bool is_overloaded(MPI_Comm comm, const Balance& balance);
 /// @brief Whether a body moves freely under its loads where no contact is
 /// active. Collective.
 /// @param[in] coupling,evaluation,K,force See find_balance.
-bool is_flying(const Coupling& coupling, const Evaluation& evaluation, Mat K,
+bool is_unsupported(const Coupling& coupling, const Evaluation& evaluation, Mat K,
                std::span<const double> force);
 
 /// @brief Distance of a point from the cone that vectors span. Collective.
