@@ -8,7 +8,7 @@
 #include <optional>
 
 // Whether anything holds bodies against their loads. Where friction cannot,
-// there is no static solution, and Newton's iteration stagnates about with all
+// there is no static solution, and Newton's iteration stagnates with all
 // nodes slipping.
 
 namespace dolfinx_mortar
