@@ -4,6 +4,7 @@
 #include "dense.h"
 #include <catch2/catch_test_macros.hpp>
 #include <catch2/generators/catch_generators.hpp>
+#include <dolfinx_mortar/solver/convergence_error.h>
 #include <dolfinx_mortar/solver/elimination.h>
 #include <dolfinx_mortar/solver/linear_solver.h>
 #include <dolfinx_mortar/solver/solver_options.h>
@@ -324,4 +325,16 @@ TEST_CASE("equations of a node determine its multipliers", "[mpi]")
     CHECK(unit::close(e.weight[i], weight, 1e-14));
     CHECK((e.own[i] != 0) == (weight > 0));
   }
+}
+
+TEST_CASE("a multiplier without weight is refused on all ranks", "[mpi]")
+{
+  // As of a node in contact that no master covers; Newton's iteration looks
+  // for such nodes before, and says so
+  SmallProblem p(1, false, false);
+  int rank;
+  MPI_Comm_rank(p.system.comm, &rank);
+  if (rank == 0)
+    p.system.nodes.diagonal[0] = 0;
+  CHECK_THROWS_AS(solution(p, true), ConvergenceError);
 }
