@@ -26,6 +26,6 @@ def test_cpp_unit():
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        timeout=600,
+        timeout=1000,
     )
     assert done.returncode == 0, done.stdout[-8000:]
