@@ -329,12 +329,20 @@ TEST_CASE("equations of a node determine its multipliers", "[mpi]")
 
 TEST_CASE("a multiplier without weight is refused on all ranks", "[mpi]")
 {
-  // As of a node in contact that no master covers; Newton's iteration looks
-  // for such nodes before, and says so
+  // As of a node in contact that no master covers
   SmallProblem p(1, false, false);
   int rank;
   MPI_Comm_rank(p.system.comm, &rank);
   if (rank == 0)
     p.system.nodes.diagonal[0] = 0;
-  CHECK_THROWS_AS(solution(p, true), ConvergenceError);
+  std::string message;
+  try
+  {
+    solution(p, true);
+  }
+  catch (const ConvergenceError& e)
+  {
+    message = e.what();
+  }
+  CHECK(message.starts_with("No master covers a slave node"));
 }

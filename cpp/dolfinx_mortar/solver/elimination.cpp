@@ -2,8 +2,10 @@
 // SPDX-License-Identifier: MIT
 
 #include "elimination.h"
+#include "convergence_error.h"
 #include <Eigen/Dense>
 #include <algorithm>
+#include <dolfinx_mortar/common/error.h>
 #include <map>
 #include <numeric>
 
@@ -227,10 +229,19 @@ Elimination dolfinx_mortar::eliminate(MPI_Comm comm,
 
   // Active nodes, those of one displacement node one after the other
   std::vector<std::int32_t> active;
+  bool uncovered = false;
   for (std::size_t j = 0; j < nodes.size(); ++j)
   {
-    if (!active_components(nodes, j).isZero(0))
-      active.push_back(j);
+    if (active_components(nodes, j).isZero(0))
+      continue;
+    active.push_back(j);
+    uncovered = uncovered or nodes.diagonal[j] == 0;
+  }
+  if (any(comm, uncovered))
+  {
+    throw ConvergenceError(
+        "No master covers a slave node in contact any more, so that its "
+        "multiplier cannot be condensed. Take smaller load steps.");
   }
   std::ranges::stable_sort(active, {},
                            [&](std::int32_t j) { return nodes.own[j]; });

@@ -54,6 +54,7 @@ struct Elimination
 /// @param[in] comm Communicator.
 /// @param[in] nodes Multiplier nodes.
 /// @param[in] size_u Number of displacement dofs of this rank.
+/// @throw ConvergenceError On all ranks, where D̃ of an active node is zero.
 Elimination eliminate(MPI_Comm comm, const MultiplierNodes& nodes,
                       std::int32_t size_u);
 } // namespace dolfinx_mortar

@@ -169,17 +169,6 @@ void Newton::linearise(std::span<const double> x)
                                          it.interfaces, K);
   if (_coupling.has_contact())
     check_support(K.get());
-  bool bare = false;
-  const MultiplierNodes& nodes = run.system->nodes;
-  for (std::size_t i = 0; i < nodes.active.size(); ++i)
-    bare = bare or (nodes.active[i] and nodes.diagonal[i / 3] == 0);
-  if (any(_coupling.comm(), bare and _solver->condense()))
-  {
-    throw ConvergenceError(
-        std::string("No master covers a slave node in contact any more, so "
-                    "that its multiplier cannot be condensed.")
-        + messages::smaller_steps);
-  }
 }
 //-----------------------------------------------------------------------------
 void Newton::check_support(Mat K)
