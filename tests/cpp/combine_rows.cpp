@@ -37,35 +37,46 @@ TEST_CASE("rows of several matrices are combined", "[mpi]")
     }
     sparse[k] = unit::from_dense(comm, dense[k], num * rank, num, num);
   }
-  const std::array<Mat, 2> others = {sparse[1].get(), sparse[2].get()};
-
-  const Matrix all = combine_rows(sparse[0].get(), others, {});
-  CHECK((unit::to_dense(all.get()) - dense[0] - dense[1] - dense[2])
-            .cwiseAbs()
-            .maxCoeff()
+  auto difference = [](const Matrix& A, const MatrixXd& expected)
+  { return (unit::to_dense(A.get()) - expected).cwiseAbs().maxCoeff(); };
+  std::vector<RowTerm> terms;
+  for (const Matrix& A : sparse)
+    terms.push_back({A.get()});
+  CHECK(difference(combine_rows(terms), dense[0] + dense[1] + dense[2])
         < 1e-15);
 
-  std::vector<RowSource> sources;
+  // Some rows of one matrix only, times a factor; some unit rows
+  std::vector<std::int8_t> flags;
+  std::vector<double> factors;
+  std::vector<std::int32_t> units;
   MatrixXd expected = MatrixXd::Zero(num * size, num * size);
   for (int i = 0; i < num * size; ++i)
   {
-    const RowSource source = static_cast<RowSource>(i % 5 % 3);
-    if (i / num == rank)
-      sources.push_back(source);
-    if (source == RowSource::unit)
+    const bool take = i % 5 > 1, unit = i % 7 == 3;
+    const double factor = 1 + i % 2;
+    if (unit)
       expected(i, i) = 1;
     else
+    {
       expected.row(i) = dense[1].row(i) + dense[2].row(i);
-    if (source == RowSource::all)
-      expected.row(i) += dense[0].row(i);
+      if (take)
+        expected.row(i) += dense[0].row(i);
+      expected.row(i) *= factor;
+    }
+    if (i / num != rank)
+      continue;
+    flags.push_back(take);
+    factors.push_back(factor);
+    if (unit)
+      units.push_back(i % num);
   }
-  const Matrix some = combine_rows(sparse[0].get(), others, sources);
-  CHECK((unit::to_dense(some.get()) - expected).cwiseAbs().maxCoeff() < 1e-15);
+  terms[0].rows = flags;
+  const Matrix some = combine_rows(terms, factors, units);
+  CHECK(difference(some, expected) < 1e-15);
   PetscInt block_size;
   MatGetBlockSize(some.get(), &block_size);
   CHECK(block_size == 3);
 
-  sources.pop_back();
-  CHECK_THROWS_AS(combine_rows(sparse[0].get(), others, sources),
-                  std::invalid_argument);
+  factors.pop_back();
+  CHECK_THROWS_AS(combine_rows(terms, factors, units), std::invalid_argument);
 }

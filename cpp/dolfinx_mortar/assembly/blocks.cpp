@@ -143,11 +143,9 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
     num_entries += r.columns.size() * (scalar ? 3 : R * C);
   }
   throw_on_all(comm, message);
-  std::vector<PetscInt> offsets = {0}, columns;
+  RowStorage storage(local_rows, num_entries);
+  std::vector<PetscInt> columns;
   std::vector<double> values;
-  offsets.reserve(local_rows + 1);
-  columns.reserve(num_entries);
-  values.reserve(num_entries);
   std::vector<std::size_t> order;
   for (const Row* r : rows)
   {
@@ -158,6 +156,8 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
               [&](auto a, auto b) { return r->columns[a] < r->columns[b]; });
     for (int c = 0; c < row_size; ++c)
     {
+      columns.clear();
+      values.clear();
       for (std::size_t i : order)
       {
         const PetscInt column = column_size * r->columns[i];
@@ -175,13 +175,12 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
           }
         }
       }
-      offsets.push_back(columns.size());
+      storage.append(columns, values);
     }
   }
   _rows.clear();
   _index.clear();
-  return create_from_rows(comm, local_rows, local_columns, offsets, columns,
-                          values);
+  return create_from_rows(comm, local_columns, std::move(storage));
 }
 
 template class dolfinx_mortar::BlockAccumulator<1, 1>;

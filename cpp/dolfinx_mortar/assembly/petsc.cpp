@@ -49,6 +49,37 @@ Vector view(Mat A, bool left, std::span<const double> x)
   }
   return v;
 }
+/// Let a matrix free the memory that it uses.
+void own(Mat A, std::unique_ptr<RowStorage> rows)
+{
+  PetscContainer container;
+  check(PetscContainerCreate(PETSC_COMM_SELF, &container),
+        "PetscContainerCreate");
+  check(PetscContainerSetPointer(container, rows.get()),
+        "PetscContainerSetPointer");
+#if PETSC_VERSION_GE(3, 23, 0)
+  auto destroy = [](void** p) -> PetscErrorCode
+  {
+    delete static_cast<RowStorage*>(*p);
+    return PETSC_SUCCESS;
+  };
+  check(PetscContainerSetCtxDestroy(container, destroy),
+        "PetscContainerSetCtxDestroy");
+#else
+  auto destroy = [](void* p) -> PetscErrorCode
+  {
+    delete static_cast<RowStorage*>(p);
+    return PETSC_SUCCESS;
+  };
+  check(PetscContainerSetUserDestroy(container, destroy),
+        "PetscContainerSetUserDestroy");
+#endif
+  rows.release();
+  check(PetscObjectCompose(reinterpret_cast<PetscObject>(A), "mortar_rows",
+                           reinterpret_cast<PetscObject>(container)),
+        "PetscObjectCompose");
+  check(PetscContainerDestroy(&container), "PetscContainerDestroy");
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -105,6 +136,57 @@ Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, PetscInt local_rows,
   // Sums of such matrices have entries elsewhere
   check(MatSetOption(A.get(), MAT_NEW_NONZERO_ALLOCATION_ERR, PETSC_FALSE),
         "MatSetOption");
+  return A;
+}
+//-----------------------------------------------------------------------------
+RowStorage::RowStorage(std::size_t num_rows, std::size_t capacity)
+    : _capacity_rows(num_rows), _capacity(capacity),
+      _offsets(std::make_unique_for_overwrite<PetscInt[]>(num_rows + 1)),
+      _columns(std::make_unique_for_overwrite<PetscInt[]>(capacity)),
+      _values(std::make_unique_for_overwrite<double[]>(capacity))
+{
+  _offsets[0] = 0;
+}
+//-----------------------------------------------------------------------------
+void RowStorage::append(std::span<const PetscInt> columns,
+                        std::span<const double> values, double factor)
+{
+  if (_num_rows == _capacity_rows or _size + columns.size() > _capacity)
+    throw std::length_error("More entries of a matrix than were announced.");
+  std::ranges::copy(columns, _columns.get() + _size);
+  if (factor == 1)
+    std::ranges::copy(values, _values.get() + _size);
+  else
+  {
+    std::ranges::transform(values, _values.get() + _size,
+                           [factor](double v) { return factor * v; });
+  }
+  _size += columns.size();
+  _offsets[++_num_rows] = _size;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, PetscInt local_columns,
+                                        RowStorage&& rows, int block_size)
+{
+  const std::size_t n = rows.num_rows();
+  const std::size_t size = rows.offsets()[n];
+  int num_ranks;
+  MPI_Comm_size(comm, &num_ranks);
+  if (num_ranks > 1)
+  {
+    return create_from_rows(comm, n, local_columns,
+                            std::span(rows.offsets(), n + 1),
+                            std::span(rows.columns(), size),
+                            std::span(rows.values(), size), block_size);
+  }
+  auto owner = std::make_unique<RowStorage>(std::move(rows));
+  Matrix A;
+  check(MatCreateSeqAIJWithArrays(comm, n, local_columns, owner->offsets(),
+                                  owner->columns(), owner->values(), A.put()),
+        "MatCreateSeqAIJWithArrays");
+  if (block_size > 1)
+    check(MatSetBlockSize(A.get(), block_size), "MatSetBlockSize");
+  own(A.get(), std::move(owner));
   return A;
 }
 //-----------------------------------------------------------------------------

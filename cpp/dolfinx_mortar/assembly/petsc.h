@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <petscksp.h>
 #include <petscmat.h>
 #include <petscsnes.h>
@@ -112,6 +113,42 @@ Matrix create_from_rows(MPI_Comm comm, PetscInt local_rows,
                         std::span<const PetscInt> offsets,
                         std::span<const PetscInt> columns,
                         std::span<const double> values, int block_size = 1);
+
+/// @brief Rows of a matrix, one after the other, in memory that a matrix can
+/// take over.
+class RowStorage
+{
+public:
+  /// @param[in] num_rows Number of rows.
+  /// @param[in] capacity Number of entries there can be; memory that is never
+  /// written costs nothing.
+  RowStorage(std::size_t num_rows, std::size_t capacity);
+
+  /// @brief Append a row, times a factor.
+  /// @param[in] columns Global columns, ascending.
+  /// @param[in] values Entries.
+  void append(std::span<const PetscInt> columns, std::span<const double> values,
+              double factor = 1);
+
+  std::size_t num_rows() const { return _num_rows; }
+  PetscInt* offsets() { return _offsets.get(); }
+  PetscInt* columns() { return _columns.get(); }
+  double* values() { return _values.get(); }
+
+private:
+  std::size_t _num_rows = 0, _size = 0, _capacity_rows, _capacity;
+  std::unique_ptr<PetscInt[]> _offsets, _columns;
+  std::unique_ptr<double[]> _values;
+};
+
+/// @brief Matrix from the rows of this rank; on one rank they are not copied.
+/// Collective.
+/// @param[in] comm Communicator.
+/// @param[in] local_columns Local number of columns.
+/// @param[in] rows All rows of this rank.
+/// @param[in] block_size Size of the blocks that rows come in.
+Matrix create_from_rows(MPI_Comm comm, PetscInt local_columns,
+                        RowStorage&& rows, int block_size = 1);
 
 /// @brief Matrix all of whose entries are in the rank's own columns.
 /// Collective.

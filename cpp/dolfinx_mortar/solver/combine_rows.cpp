@@ -3,97 +3,139 @@
 
 #include "combine_rows.h"
 #include <algorithm>
+#include <optional>
 #include <stdexcept>
-#include <utility>
 #include <vector>
 
 using namespace dolfinx_mortar;
 
 namespace
 {
-/// Sums entries of a row, and appends them to a matrix.
+/// Sum of rows, each with ascending columns.
 class RowSum
 {
 public:
+  void clear()
+  {
+    _columns.clear();
+    _values.clear();
+  }
+
   void add(const MatrixRow& row)
   {
-    for (std::size_t i = 0; i < row.columns().size(); ++i)
-      _entries.emplace_back(row.columns()[i], row.values()[i]);
-    _sorted = _entries.size() == row.columns().size();
+    const auto columns = row.columns();
+    const auto values = row.values();
+    _merged_columns.clear();
+    _merged_values.clear();
+    std::size_t i = 0, j = 0;
+    while (i < _columns.size() or j < columns.size())
+    {
+      const bool ours = j == columns.size()
+                        or (i < _columns.size() and _columns[i] <= columns[j]);
+      const bool both
+          = ours and j < columns.size() and _columns[i] == columns[j];
+      _merged_columns.push_back(ours ? _columns[i] : columns[j]);
+      _merged_values.push_back((ours ? _values[i] : 0)
+                               + (both or !ours ? values[j] : 0));
+      i += ours;
+      j += both or !ours;
+    }
+    std::swap(_columns, _merged_columns);
+    std::swap(_values, _merged_values);
   }
 
-  void append(std::vector<PetscInt>& columns, std::vector<double>& values)
-  {
-    if (!_sorted)
-    {
-      std::ranges::stable_sort(_entries, {}, [](auto& e) { return e.first; });
-    }
-    const std::size_t first = columns.size();
-    for (auto [column, value] : _entries)
-    {
-      if (columns.size() > first and columns.back() == column)
-        values.back() += value;
-      else
-      {
-        columns.push_back(column);
-        values.push_back(value);
-      }
-    }
-    _entries.clear();
-    _sorted = true;
-  }
+  std::span<const PetscInt> columns() const { return _columns; }
+  std::span<const double> values() const { return _values; }
 
 private:
-  std::vector<std::pair<PetscInt, double>> _entries;
-  bool _sorted = true; // entries are those of one row
+  std::vector<PetscInt> _columns, _merged_columns;
+  std::vector<double> _values, _merged_values;
 };
+
+/// The number of entries there can be.
+std::size_t capacity(std::span<const RowTerm> terms, std::size_t num_unit)
+{
+  std::size_t size = num_unit;
+  for (const RowTerm& t : terms)
+  {
+    MatInfo info;
+    check(MatGetInfo(t.A, MAT_LOCAL, &info), "MatGetInfo");
+    size += static_cast<std::size_t>(info.nz_used);
+  }
+  return size;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
-Matrix dolfinx_mortar::combine_rows(Mat K, std::span<const Mat> others,
-                                    std::span<const RowSource> sources)
+Matrix dolfinx_mortar::combine_rows(std::span<const RowTerm> terms,
+                                    std::span<const double> scale,
+                                    std::span<const std::int32_t> unit)
 {
-  const auto [num_rows, num_columns] = local_size(K);
-  if ((!sources.empty() and static_cast<PetscInt>(sources.size()) != num_rows)
-      or num_rows % 3 != 0)
+  if (terms.empty())
+    throw std::invalid_argument("There is no matrix to take rows of.");
+  const auto [num_rows, num_columns] = local_size(terms.front().A);
+  const std::size_t n = num_rows;
+  bool fits = num_rows % 3 == 0 and (scale.empty() or scale.size() == n);
+  for (const RowTerm& t : terms)
   {
-    throw std::invalid_argument(
-        "Each local row needs a source, and rows are blocks of three.");
+    fits = fits and local_size(t.A) == std::pair(num_rows, num_columns)
+           and (t.rows.empty() or t.rows.size() == n);
   }
-  PetscInt begin;
-  check(MatGetOwnershipRange(K, &begin, nullptr), "MatGetOwnershipRange");
-  MatInfo info;
-  check(MatGetInfo(K, MAT_LOCAL, &info), "MatGetInfo");
-  std::vector<PetscInt> offsets = {0}, columns;
-  std::vector<double> values;
-  offsets.reserve(num_rows + 1);
-  columns.reserve(static_cast<std::size_t>(1.1 * info.nz_used));
-  values.reserve(columns.capacity());
-  RowSum row_sum;
-  for (PetscInt row = 0; row < num_rows; ++row)
+  if (!fits)
   {
-    const RowSource source = sources.empty() ? RowSource::all : sources[row];
-    if (source == RowSource::unit)
+    throw std::invalid_argument("Matrices, flags and factors need the same "
+                                "rows, in blocks of three.");
+  }
+  std::vector<std::int8_t> is_unit(n, 0);
+  for (std::int32_t row : unit)
+    is_unit.at(row) = 1;
+
+  PetscInt begin;
+  check(MatGetOwnershipRange(terms.front().A, &begin, nullptr),
+        "MatGetOwnershipRange");
+  RowStorage out(n, capacity(terms, unit.size()));
+  RowSum sum;
+  for (std::size_t row = 0; row < n; ++row)
+  {
+    const double factor = scale.empty() ? 1.0 : scale[row];
+    if (is_unit[row])
     {
-      columns.push_back(begin + row);
-      values.push_back(1);
-      offsets.push_back(columns.size());
+      const PetscInt column = begin + row;
+      const double one = 1;
+      out.append(std::span(&column, 1), std::span(&one, 1), 1);
       continue;
     }
-    if (source == RowSource::all)
-      row_sum.add(MatrixRow(K, begin + row));
-    for (Mat A : others)
+    // The first row that is not empty waits for a second one
+    std::optional<MatrixRow> first;
+    sum.clear();
+    for (const RowTerm& t : terms)
     {
-      const MatrixRow more(A, begin + row);
-      if (!more.columns().empty())
-        row_sum.add(more);
+      if (!t.rows.empty() and !t.rows[row])
+        continue;
+      if (!first)
+      {
+        first.emplace(t.A, begin + row);
+        if (first->columns().empty())
+          first.reset();
+        continue;
+      }
+      const MatrixRow more(t.A, begin + row);
+      if (more.columns().empty())
+        continue;
+      if (sum.columns().empty())
+        sum.add(*first);
+      sum.add(more);
     }
-    row_sum.append(columns, values);
-    offsets.push_back(columns.size());
+    if (first and sum.columns().empty())
+    {
+      out.append(first->columns(), first->values(), factor);
+      continue;
+    }
+    out.append(sum.columns(), sum.values(), factor);
   }
   MPI_Comm comm;
-  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(K), &comm),
+  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(terms.front().A),
+                           &comm),
         "PetscObjectGetComm");
-  return create_from_rows(comm, num_rows, num_columns, offsets, columns, values,
-                          3);
+  return create_from_rows(comm, num_columns, std::move(out), 3);
 }

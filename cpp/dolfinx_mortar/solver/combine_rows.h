@@ -9,21 +9,25 @@
 
 namespace dolfinx_mortar
 {
-/// @brief Where a row of combine_rows comes from.
-enum class RowSource : std::int8_t
+/// @brief A matrix of which some rows are part of a sum.
+struct RowTerm
 {
-  all = 0,     ///< K and the other matrices
-  without = 1, ///< the other matrices, without K
-  unit = 2     ///< one on the diagonal
+  /// AIJ matrix
+  Mat A;
+
+  /// Non-zero for the local rows that are part of it; empty for all
+  std::span<const std::int8_t> rows = {};
 };
 
-/// @brief Sum of matrices, row by row: K with few rows changed. Collective.
+/// @brief Sum of rows of several matrices. Collective.
 ///
-/// Rows in which only K has entries are copied.
-/// @param[in] K Square AIJ matrix, rows in blocks of three.
-/// @param[in] others Matrices of the same layout, with few rows that are not
-/// empty.
-/// @param[in] sources Source of each local row; empty for RowSource::all.
-Matrix combine_rows(Mat K, std::span<const Mat> others,
-                    std::span<const RowSource> sources);
+/// A row that is one matrix's alone is copied, once: a large matrix with few
+/// rows changed costs little more than a copy.
+/// @param[in] terms At least one; different square matrices of the same layout,
+/// rows in blocks of three.
+/// @param[in] scale Factor of each local row; empty for ones.
+/// @param[in] unit Local rows to replace by unit rows.
+Matrix combine_rows(std::span<const RowTerm> terms,
+                    std::span<const double> scale = {},
+                    std::span<const std::int32_t> unit = {});
 } // namespace dolfinx_mortar

@@ -96,32 +96,24 @@ RowOperator create_rows(const NewtonSystem& s, const Elimination& e,
 Matrix create_condensed(const NewtonSystem& s, const Elimination& e,
                         const RowOperator& rows)
 {
-  const Matrix NK = multiply(rows.N.get(), s.K.get());
-  const Matrix EC = multiply(rows.E.get(), s.C_u.get());
-  std::vector<Mat> others = {NK.get(), EC.get()};
-  Matrix NK_c, K_c;
+  // N has columns of slave nodes only: those few rows of K are multiplied
+  std::vector<std::int8_t> slave(s.size_u, 0), kept(s.size_u);
+  for (std::int32_t node : s.nodes.own)
+    std::fill_n(slave.begin() + 3 * node, 3, 1);
+  std::ranges::transform(e.own, kept.begin(), [](auto own) { return !own; });
+  std::vector<RowTerm> rest = {{s.K.get(), kept}};
+  std::vector<RowTerm> multiplied = {{s.K.get(), slave}};
   if (s.K_c)
   {
-    NK_c = multiply(rows.N.get(), s.K_c.get());
-    K_c = duplicate(s.K_c.get());
-    std::vector<double> kept(s.size_u);
-    std::ranges::transform(e.own, kept.begin(),
-                           [](auto own) { return own ? 0.0 : 1.0; });
-    scale_rows(K_c.get(), kept);
-    others.push_back(NK_c.get());
-    others.push_back(K_c.get());
+    rest.push_back({s.K_c.get(), kept});
+    multiplied.push_back({s.K_c.get(), slave});
   }
-  std::vector<RowSource> sources(s.size_u, RowSource::all);
-  for (std::int32_t dof = 0; dof < s.size_u; ++dof)
-  {
-    if (e.own[dof])
-      sources[dof] = RowSource::without;
-  }
-  for (std::int32_t dof : s.fixed)
-    sources[dof] = RowSource::unit;
-  Matrix A = combine_rows(s.K.get(), others, sources);
-  scale_rows(A.get(), rows.scale);
-  return A;
+  const Matrix K_slave = combine_rows(multiplied);
+  const Matrix NK = multiply(rows.N.get(), K_slave.get());
+  const Matrix EC = multiply(rows.E.get(), s.C_u.get());
+  rest.push_back({NK.get()});
+  rest.push_back({EC.get()});
+  return combine_rows(rest, rows.scale, s.fixed);
 }
 
 /// The condensed system as products.

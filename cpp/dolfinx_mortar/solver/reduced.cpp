@@ -114,11 +114,12 @@ Matrix ReducedPreconditioner::create_operator() const
     }
   }
   const Matrix U = create_from_entries(_comm, _s->size_u, _s->size_u, units);
-  std::vector<Mat> parts = {KW.get(), WK.get(), WKW.get(), U.get()};
+  std::vector<RowTerm> terms
+      = {{K}, {KW.get()}, {WK.get()}, {WKW.get()}, {U.get()}};
   const Matrix friction = create_friction();
   if (friction)
-    parts.push_back(friction.get());
-  Matrix A = combine_rows(K, parts, {});
+    terms.push_back({friction.get()});
+  Matrix A = combine_rows(terms);
   std::vector<PetscInt> fixed;
   PetscInt begin;
   check(MatGetOwnershipRange(A.get(), &begin, nullptr), "MatGetOwnershipRange");
