@@ -50,7 +50,7 @@ flags_or_none(const std::optional<In<std::int8_t>>& flags, FacetType type)
 {
   if (!flags)
     return {};
-  check_size(*flags, num_nodes(type), "positive");
+  check_size(*flags, num_nodes(type), "nonnegative");
   return span(*flags);
 }
 
@@ -136,20 +136,21 @@ void wrap_facets(nb::module_& m)
   m.def(
       "transformation",
       [](MultiplierSpace s, FacetType t,
-         std::optional<In<std::int8_t>> positive)
-      { return matrix(transformation(s, t, flags_or_none(positive, t))); },
+         std::optional<In<std::int8_t>> nonnegative)
+      { return matrix(transformation(s, t, flags_or_none(nonnegative, t))); },
       nb::arg("space"), nb::arg("type"),
-      nb::arg("positive").none() = nb::none(),
+      nb::arg("nonnegative").none() = nb::none(),
       "Basis transformation T of a facet.");
   m.def(
       "inverse_transformation",
       [](MultiplierSpace s, FacetType t,
-         std::optional<In<std::int8_t>> positive)
+         std::optional<In<std::int8_t>> nonnegative)
       {
-        return matrix(inverse_transformation(s, t, flags_or_none(positive, t)));
+        return matrix(
+            inverse_transformation(s, t, flags_or_none(nonnegative, t)));
       },
       nb::arg("space"), nb::arg("type"),
-      nb::arg("positive").none() = nb::none(),
+      nb::arg("nonnegative").none() = nb::none(),
       "Inverse of the basis transformation of a facet.");
   m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"));
   m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"));
@@ -203,16 +204,16 @@ void wrap_facets(nb::module_& m)
   m.def(
       "integrate_facet",
       [](FacetType slave_type, int slave_orientation, In<double> slave,
-         In<double> normals, In<std::int8_t> carries, In<double> z,
+         In<double> normals, In<std::int8_t> has_multiplier, In<double> z,
          const std::vector<FacetType>& types, In<std::int8_t> orientation,
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
-         Derivatives derivatives, std::optional<In<std::int8_t>> positive,
+         Derivatives derivatives, std::optional<In<std::int8_t>> nonnegative,
          double max_angle)
       {
         const std::size_t n = num_nodes(slave_type);
         check_size(normals, 3 * n, "normals");
-        check_size(carries, n, "carries");
+        check_size(has_multiplier, n, "has_multiplier");
         check_size(z, 3 * n, "z");
         check_size(orientation, types.size(), "master_orientation");
         for (std::int8_t o : span(orientation))
@@ -238,8 +239,8 @@ void wrap_facets(nb::module_& m)
         FacetIntegrator integrator(options);
         const FacetIntegrals& r = integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
-            span(carries), flags_or_none(positive, slave_type), span(z), list,
-            masters, derivatives);
+            span(has_multiplier), flags_or_none(nonnegative, slave_type),
+            span(z), list, masters, derivatives);
         nb::dict d;
         d["covered"] = r.covered;
         d["area"] = r.area;
@@ -266,11 +267,11 @@ void wrap_facets(nb::module_& m)
         return d;
       },
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
-      nb::arg("normals"), nb::arg("carries"), nb::arg("z"),
+      nb::arg("normals"), nb::arg("has_multiplier"), nb::arg("z"),
       nb::arg("master_types"), nb::arg("master_orientation"),
       nb::arg("master_blocks"), nb::arg("masters"), nb::arg("space"),
       nb::arg("integration"), nb::arg("degree").none(), nb::arg("derivatives"),
-      nb::arg("positive").none() = nb::none(),
+      nb::arg("nonnegative").none() = nb::none(),
       nb::arg("max_angle") = IntegrationOptions().max_angle,
       "Mortar integrals of one slave facet, see FacetIntegrator.");
 }

@@ -46,13 +46,12 @@ void types(nb::class_<C>& c)
       nb::rv_policy::reference_internal, "Type of each facet (FacetType).");
 }
 
+/// Number of values of a node. Whether there is a row for each node is for the
+/// library to say, on all ranks.
 template <typename T>
-int block_size(const Surface& s, const InOut<T>& a)
+int block_size(const InOut<T>& a)
 {
-  if (a.ndim() < 1 or a.ndim() > 2
-      or a.shape(0) != static_cast<std::size_t>(num_local_nodes(s)))
-    throw std::invalid_argument("One row of values is needed for each node.");
-  return a.ndim() == 1 ? 1 : a.shape(1);
+  return a.ndim() < 2 ? 1 : a.shape(1);
 }
 
 template <typename T>
@@ -60,15 +59,12 @@ void scatter(nb::module_& m)
 {
   m.def(
       "scatter_forward", [](const Surface& s, InOut<T> a)
-      { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
+      { scatter_forward(s, std::span(a.data(), a.size()), block_size(a)); },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
-      "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a)
-      {
-        scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
-      },
+      "scatter_reverse_add", [](const Surface& s, InOut<T> a)
+      { scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(a)); },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Add the values of ghosts to those of their owners. Collective.");
 }
@@ -107,16 +103,10 @@ void wrap_surface(nb::module_& m)
          std::int32_t num_owned_blocks, In<std::int32_t> block_owners,
          In<double> X)
       {
+        // Whether entries make sense is checked on all ranks together
         std::vector<FacetType> t;
         for (std::int8_t type : span(types))
-        {
-          check_index(type, num_facet_types, "facet type");
           t.push_back(static_cast<FacetType>(type));
-        }
-        int num_ranks;
-        MPI_Comm_size(MPI_Comm_f2c(comm), &num_ranks);
-        for (std::int32_t owner : span(block_owners))
-          check_index(owner, num_ranks, "owner");
         return create_surface(
             MPI_Comm_f2c(comm), std::move(t), span(facet_blocks),
             {orientation.data(), orientation.data() + orientation.size()},
@@ -208,13 +198,9 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("u"),
       "Positions X + u, shape (num_nodes, 3). Collective.");
   m.def(
-      "check_areas",
-      [](const Surface& s, In<double> x, const std::string& name)
-      {
-        check_size(x, 3 * s.numbers.size(), "x");
-        check_areas(s, span(x), name);
-      },
-      nb::arg("surface"), nb::arg("x"), nb::arg("name") = "surface",
+      "check_areas", [](const Surface& s, In<double> x, const std::string& name)
+      { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
+      nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
 
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");

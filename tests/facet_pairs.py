@@ -43,15 +43,17 @@ class Pairing:
         integration: str = "segment",
         *,
         degree: int | None = None,
-        carries: np.ndarray | None = None,
+        has_multiplier: np.ndarray | None = None,
         normals: np.ndarray | None = None,
         z: np.ndarray | None = None,
         derivatives: cpp.Derivatives = cpp.Derivatives.none,
-        positive: np.ndarray | None = None,
+        nonnegative: np.ndarray | None = None,
     ) -> dict:
         """Mortar integrals of the slave facet by the library; columns of M as in `master.x`."""
         n = len(self.slave.x)
-        carries = np.ones(n, np.int8) if carries is None else carries.astype(np.int8)
+        has_multiplier = (
+            np.ones(n, np.int8) if has_multiplier is None else has_multiplier.astype(np.int8)
+        )
         normals = oracle.averaged_normals(self.slave) if normals is None else normals
         nodes = np.concatenate([nodes for _, nodes in self.master.facets])
         result = cpp.integrate_facet(
@@ -59,7 +61,7 @@ class Pairing:
             int(self.slave.sign[0]),
             in_facet_order(self.slave),
             np.ascontiguousarray(normals[self.slave.facets[0][1]]),
-            carries,
+            has_multiplier,
             np.zeros((n, 3)) if z is None else z,
             [TYPE[kind] for kind, _ in self.master.facets],
             self.master.sign.astype(np.int8),
@@ -69,7 +71,7 @@ class Pairing:
             INTEGRATION[integration],
             degree,
             derivatives,
-            positive,
+            nonnegative,
         )
         if result["covered"]:
             M = np.zeros((n, len(self.master.x)))

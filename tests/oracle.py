@@ -165,7 +165,7 @@ def transformation(kind: str, multiplier: str) -> np.ndarray:
 
 
 def multiplier_nodes(kind: str, multiplier: str) -> np.ndarray:
-    """Local nodes of a facet that carry multiplier functions."""
+    """Local nodes of a facet that have multiplier functions."""
     if multiplier == "dual":
         return np.arange(len(REFERENCE_NODES[kind]))
     if multiplier == "standard" and kind == "quad9":
@@ -575,8 +575,8 @@ class Mortar:
         weight: int Phi_j, shape (slave nodes,), area.
         T: Basis transformation of the slave nodes.
         T_inverse: Its exact inverse.
-        carries: Booleans, shape (slave nodes,): nodes that carry a multiplier; they need a facet
-            that is covered at least in part.
+        has_multiplier: Booleans, shape (slave nodes,): nodes that have a multiplier; they need a
+            facet that is covered at least in part.
         coefficients: A_e per slave facet (identity for "standard", None where nothing is covered).
         area: Covered area per slave facet.
         slivers: Slave facets left out because too little of them is covered.
@@ -590,7 +590,7 @@ class Mortar:
     weight: np.ndarray
     T: np.ndarray
     T_inverse: np.ndarray
-    carries: np.ndarray
+    has_multiplier: np.ndarray
     coefficients: list[np.ndarray | None]
     area: np.ndarray
     slivers: list[int]
@@ -649,7 +649,7 @@ def mortar(
         slave: Slave surface.
         master: Master surface.
         multiplier: "dual", "dual-linear" or "standard".
-        dropped: Slave nodes that carry no multiplier; on each facet their functions are shared
+        dropped: Slave nodes that have no multiplier; on each facet their functions are shared
             equally among the facet's remaining multiplier nodes.
         fixed: Displacement components prescribed at slave nodes, shape (nodes, 3), for the normals.
         points: Gauss points per direction on each triangle (segment variant).
@@ -678,7 +678,7 @@ def mortar(
     relative = np.zeros((n_slave, 3))
     drop = np.zeros(n_slave, dtype=bool)
     drop[list(dropped)] = True
-    carries = np.zeros(n_slave, dtype=bool)
+    has_multiplier = np.zeros(n_slave, dtype=bool)
     coefficients: list[np.ndarray | None] = []
     area, slivers = np.zeros(len(slave.facets)), []
 
@@ -691,7 +691,7 @@ def mortar(
                 slivers.append(f)
             coefficients.append(None)
             continue
-        carries[nodes[local]] |= ~drop[nodes[local]]
+        has_multiplier[nodes[local]] |= ~drop[nodes[local]]
         w, xi = quadrature.weight, quadrature.xi
         N = shape_functions(kind, xi)[0]
         primal = _primal_functions(kind, multiplier, xi)
@@ -734,7 +734,7 @@ def mortar(
         weight=weight,
         T=T,
         T_inverse=T_inverse,
-        carries=carries,
+        has_multiplier=has_multiplier,
         coefficients=coefficients,
         area=area,
         slivers=slivers,
@@ -753,7 +753,7 @@ def _sharing(drop: np.ndarray, f: int) -> np.ndarray:
     S = np.diag((~drop).astype(float))
     if drop.any():
         if drop.all():
-            raise ValueError(f"slave facet {f} has no node left that carries a multiplier")
+            raise ValueError(f"slave facet {f} has no node left that has a multiplier")
         S[np.ix_(drop, ~drop)] = 1 / (~drop).sum()
     return S
 

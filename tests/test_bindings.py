@@ -35,8 +35,12 @@ def flags(n):
 
 def test_transformations():
     for function in (cpp.transformation, cpp.inverse_transformation):
-        arguments = {"space": SPACE["dual"], "type": TYPE["quad9"], "positive": flags(9)}
-        wrong = {"space": [7, None], "type": [7, "quad9"], "positive": [flags(8), flags(10), 1.0]}
+        arguments = {"space": SPACE["dual"], "type": TYPE["quad9"], "nonnegative": flags(9)}
+        wrong = {
+            "space": [7, None],
+            "type": [7, "quad9"],
+            "nonnegative": [flags(8), flags(10), 1.0],
+        }
         refuses(function, arguments, wrong)
 
 
@@ -82,7 +86,7 @@ def test_facet_integrals():
         "slave_orientation": 1,
         "slave": x,
         "normals": np.tile([0, 0, 1.0], (8, 1)),
-        "carries": flags(8),
+        "has_multiplier": flags(8),
         "z": np.zeros((8, 3)),
         "types": [TYPE["quad8"]],
         "orientation": -flags(1),
@@ -92,19 +96,19 @@ def test_facet_integrals():
         "integration": cpp.Integration.segment,
         "degree": None,
         "derivatives": cpp.Derivatives.gap,
-        "positive": flags(8),
+        "nonnegative": flags(8),
     }
     wrong = {
         "slave": [x[:7]],
         "normals": [x[:7], np.zeros(8)],
-        "carries": [flags(7), flags(9)],
+        "has_multiplier": [flags(7), flags(9)],
         "z": [x[:7]],
         "types": [[TYPE["quad8"]] * 2, [TYPE["quad9"]], []],
         "orientation": [-flags(2), 3 * flags(1)],
         "blocks": [np.arange(7)],
         "masters": [x[:7]],
         "degree": [0, 10**6],
-        "positive": [flags(7)],
+        "nonnegative": [flags(7)],
     }
     refuses(cpp.integrate_facet, arguments, wrong)
 
@@ -182,14 +186,14 @@ def test_contact_laws():
         "scale": scalar,
         "c_n": scalar,
         "c_t": scalar,
-        "carries": flags(n),
+        "has_multiplier": flags(n),
         "fixed": np.zeros((n, 3), np.int8),
         "friction": 0.3,
         "bound": None,
         "forced": flags(n),
     }
     wrong = {name: [v[:-1]] for name, v in arguments.items() if isinstance(v, np.ndarray)}
-    wrong["carries"] = [flags(n + 1)]
+    wrong["has_multiplier"] = [flags(n + 1)]
     wrong["forced"] += [3 * flags(n), -flags(n)]
     wrong["motion"] += [None]
     wrong["scale"] += [None]

@@ -132,12 +132,12 @@ def test_reference(pair, multiplier):
     assert np.array_equal(found["T"] != 0, found["T_inverse"] != 0)
 
     if multiplier == "dual":
-        carries = tie.state.basis.has_multiplier.astype(bool)
+        has_multiplier = tie.state.basis.has_multiplier.astype(bool)
         assert np.count_nonzero(found["D_inverse"]) <= np.count_nonzero(found["T"])
         product = found["D"] @ found["D_inverse"]
-        assert np.abs(product - np.diag(carries.astype(float))).max() < 1e-12
+        assert np.abs(product - np.diag(has_multiplier.astype(float))).max() < 1e-12
         assert np.abs(found["P"] - found["D_inverse"] @ found["M"]).max() < 1e-13
-        if carries.all():
+        if has_multiplier.all():
             # A translation of the master is one of the slave
             assert np.abs(found["P"].sum(axis=1)[columns[0]] - 1).max() < 1e-12
 

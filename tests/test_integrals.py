@@ -33,12 +33,12 @@ def test_segments(pairing, covered):
     points = oracle.segment_points(p.slave, p.master, 10)
     for multiplier in oracle.MULTIPLIERS:
         for dropped in ([], [0], [0, 2]):
-            carries = np.ones(n, bool)
-            carries[dropped] = False
+            has_multiplier = np.ones(n, bool)
+            has_multiplier[dropped] = False
             reference = oracle.mortar(
                 p.slave, p.master, multiplier, dropped=dropped, facet_points=points
             )
-            ours = p.integrate(multiplier, degree=18, carries=carries)
+            ours = p.integrate(multiplier, degree=18, has_multiplier=has_multiplier)
             assert ours["area"] == pytest.approx(reference.area[0], rel=1e-10)
             worst = differences(ours, quantities(reference))
             assert max(worst.values()) < 1e-8, (multiplier, dropped, worst)

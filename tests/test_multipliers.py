@@ -77,7 +77,7 @@ def test_covered_parts_can_have_negative_integrals(kind, strip):
 
     On tri6 it is L (5 L - 2) / 3 with the corner's coordinate L, on quad8
     (1 - x) (1 - y) (1 - 1.2 (x + y)) for the corner at the origin. So a node of which too small a
-    share is covered must not carry a multiplier. Its function goes to the other nodes, and nothing
+    share is covered must not have a multiplier. Its function goes to the other nodes, and nothing
     else changes: D~ stays diagonal with the same entries, and constants stay reproduced.
     """
     reference = oracle.REFERENCE_NODES[kind]
@@ -89,19 +89,20 @@ def test_covered_parts_can_have_negative_integrals(kind, strip):
     assert r["coverage"].min() < -1e-3 * r["area"]
 
     xi, w = oracle.facet_rule(kind, 6)
-    whole = w @ oracle.shape_functions(kind, xi)[0] @ oracle.transformation(kind, "dual")
-    carries = r["coverage"] > 0.02 * whole
-    assert carries.any() and not carries.all()
-    s = p.integrate("dual", carries=carries)
-    assert not s["D_tilde"][~carries].any() and not s["M"][~carries].any()
-    D = s["D_tilde"][np.ix_(carries, carries)]
-    assert np.abs(D - np.diag(r["coverage"][carries])).max() < 1e-13
+    integral = w @ oracle.shape_functions(kind, xi)[0] @ oracle.transformation(kind, "dual")
+    covered_fraction = r["coverage"] / integral
+    has_multiplier = covered_fraction > 0.02
+    assert has_multiplier.any() and not has_multiplier.all()
+    s = p.integrate("dual", has_multiplier=has_multiplier)
+    assert not s["D_tilde"][~has_multiplier].any() and not s["M"][~has_multiplier].any()
+    D = s["D_tilde"][np.ix_(has_multiplier, has_multiplier)]
+    assert np.abs(D - np.diag(r["coverage"][has_multiplier])).max() < 1e-13
     assert s["D"].sum(axis=0) == pytest.approx(r["D"].sum(axis=0), abs=1e-13)
     assert s["M"].sum(axis=0) == pytest.approx(r["M"].sum(axis=0), abs=1e-13)
 
 
 @kinds
-def test_positive_functions_are_nowhere_negative(kind):
+def test_nonnegative_functions_are_nowhere_negative(kind):
     n = len(oracle.REFERENCE_NODES[kind])
     T = cpp.transformation(SPACE["dual"], TYPE[kind], np.ones(n, np.int8))
     xi, _ = oracle.facet_rule(kind, 30)
@@ -112,12 +113,12 @@ def test_positive_functions_are_nowhere_negative(kind):
 
 @pairings
 @integrations
-def test_positive_functions_on_partly_covered_facets(pairing, integration):
+def test_nonnegative_functions_on_partly_covered_facets(pairing, integration):
     """Their integrals are positive whatever is covered, and dual functions remain what they are."""
     n = len(oracle.REFERENCE_NODES[pairing[0]])
     for seed in range(4):
         p = random_pairing(*pairing, seed, covered=False)
-        r = p.integrate("dual", integration, positive=np.ones(n, np.int8))
+        r = p.integrate("dual", integration, nonnegative=np.ones(n, np.int8))
         if not r["covered"]:
             continue
         area = r["area"]
@@ -138,7 +139,7 @@ def test_no_negative_weights_beyond_an_edge(kind):
     assert (w @ oracle.shape_functions(kind, xi)[0] @ T).min() < 0
     inside = xi.min(axis=1) >= 0
     assert 0.1 * w.sum() < w[inside].sum() < 0.9 * w.sum()
-    r = p.integrate("dual", degree=12, positive=flags)
+    r = p.integrate("dual", degree=12, nonnegative=flags)
     expected = w[inside] @ oracle.shape_functions(kind, xi[inside])[0] @ T
     assert r["coverage"] == pytest.approx(expected, rel=1e-10)
     assert r["diagonal"] == pytest.approx(r["coverage"], rel=1e-10)
@@ -148,7 +149,7 @@ def test_no_negative_weights_beyond_an_edge(kind):
     assert r["lost"] > 0
     # Where no point is left, the facet is not covered
     p.master.x[:, 0] = [0.4, 0.6, 0.4, 0.6]
-    r = p.integrate("dual", degree=12, positive=flags)
+    r = p.integrate("dual", degree=12, nonnegative=flags)
     assert not r["covered"] and r["area"] == 0
     assert r["dropped_area"] == pytest.approx(p.points("segment", 12)["w"].sum(), rel=1e-12)
 
@@ -165,12 +166,12 @@ def test_partition_of_unity(pairing, multiplier, integration, covered):
         n = len(p.slave.x)
         some = np.ones(n, bool)
         some[rng.permutation(oracle.num_corners(pairing[0]))[:2]] = False
-        whole = p.integrate("standard", integration)
-        if not whole["covered"]:
+        standard = p.integrate("standard", integration)
+        if not standard["covered"]:
             continue
-        inner = p.integrate("standard", integration)["D"].sum(axis=0)
-        for carries in (np.ones(n, bool), some):
-            r = p.integrate(multiplier, integration, carries=carries)
+        inner = standard["D"].sum(axis=0)
+        for has_multiplier in (np.ones(n, bool), some):
+            r = p.integrate(multiplier, integration, has_multiplier=has_multiplier)
             assert np.abs(r["D"].sum(axis=0) - inner).max() < 1e-13 * r["area"]
             assert r["D"].sum() == pytest.approx(r["area"], rel=1e-13)
 
@@ -214,13 +215,13 @@ def test_idle_nodes_leave_their_neighbours_alone(pairing):
     """Whether a node that nothing acts at has a multiplier is nothing to the others."""
     p = random_pairing(*pairing, 5)
     n = len(p.slave.x)
-    whole = p.integrate("dual")
-    assert whole["covered"]
+    everywhere = p.integrate("dual")
+    assert everywhere["covered"]
     for k in range(n):
         others = np.arange(n) != k
-        idle = p.integrate("dual", carries=np.where(others, 1, -1))
-        shared = p.integrate("dual", carries=others)
+        idle = p.integrate("dual", has_multiplier=np.where(others, 1, -1))
+        shared = p.integrate("dual", has_multiplier=others)
         for name in ("D", "M", "gap", "offset"):
-            assert np.array_equal(idle[name][others], whole[name][others])
+            assert np.array_equal(idle[name][others], everywhere[name][others])
             assert not np.any(idle[name][k])
-        assert not np.allclose(shared["gap"][others], whole["gap"][others])
+        assert not np.allclose(shared["gap"][others], everywhere["gap"][others])

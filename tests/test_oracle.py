@@ -273,18 +273,18 @@ def test_exact_properties_on_curved_surfaces(slave_kind, multiplier, cover):
     master_kind = oracle.KINDS[(oracle.KINDS.index(slave_kind) + 2) % 5]
     slave, master = curved_pair(slave_kind, master_kind, cover=cover)
     r = oracle.mortar(slave, master, multiplier, points=5)
-    carries = np.flatnonzero(r.carries)
+    has_multiplier = np.flatnonzero(r.has_multiplier)
     assert np.allclose(r.D.sum(axis=1), r.M.sum(axis=1), atol=1e-14)
     assert np.allclose(r.D.sum(axis=1), r.weight, atol=1e-14)
     assert np.allclose(r.D_tilde @ r.T_inverse, r.D, atol=1e-13)
     assert r.weight.sum() == pytest.approx(r.area.sum())
     assert np.all(r.area <= 1.0)
     if multiplier in DUAL:
-        corners = r.D_tilde[np.ix_(carries, carries)]
-        assert np.allclose(corners, np.diag(r.weight[carries]), atol=1e-13)
+        corners = r.D_tilde[np.ix_(has_multiplier, has_multiplier)]
+        assert np.allclose(corners, np.diag(r.weight[has_multiplier]), atol=1e-13)
         # Over a part of a second-order facet int N~ can have either sign.
         if cover == 1 or multiplier == "dual-linear" or slave_kind in ("tri3", "quad4"):
-            assert np.all(r.weight[carries] > 0)
+            assert np.all(r.weight[has_multiplier] > 0)
 
 
 @pytest.mark.parametrize(
@@ -347,9 +347,9 @@ def test_dropped_nodes_hand_their_functions_on(multiplier):
     for name in ("D", "M", "gap", "relative", "weight"):
         assert np.all(getattr(r, name)[dropped] == 0)
         assert np.allclose(getattr(r, name).sum(axis=0), getattr(full, name).sum(axis=0))
-    assert not r.carries[dropped].any()
+    assert not r.has_multiplier[dropped].any()
     if multiplier in DUAL:
-        kept = np.flatnonzero(r.carries)
+        kept = np.flatnonzero(r.has_multiplier)
         off_diagonal = r.D_tilde[np.ix_(kept, kept)]
         assert np.allclose(off_diagonal, np.diag(np.diag(off_diagonal)), atol=1e-13)
 
@@ -391,7 +391,7 @@ def test_slivers_are_left_out():
     r = oracle.mortar(slave, master)
     assert r.slivers == [1]
     assert r.coefficients[1] is None
-    assert np.array_equal(r.carries, slave.x[:, 0] < 0.75)
+    assert np.array_equal(r.has_multiplier, slave.x[:, 0] < 0.75)
     assert r.weight.sum() == pytest.approx(0.5)
 
 

@@ -88,19 +88,19 @@ def test_integrals(pairing, integration, multiplier, left):
 def test_points_left_out_beyond_an_edge(kind):
     """The same where the points beyond the slave facet are left out."""
     p = beyond_an_edge(kind)
-    check(p, "dual", positive=np.ones(len(p.slave.x), np.int8), degree=12)
+    check(p, "dual", nonnegative=np.ones(len(p.slave.x), np.int8), degree=12)
 
 
 def check(p, multiplier, left=0, **same):
     """Compare all derivatives of the integrals of a pairing with difference quotients."""
     rng = np.random.default_rng(2)
     n, m = len(p.slave.x), len(p.master.x)
-    carries = np.ones(n, np.int8)
-    carries[1] = left
+    has_multiplier = np.ones(n, np.int8)
+    has_multiplier[1] = left
     z = rng.normal(size=(n, 3))
     normals = np.array([0, 0, 1]) + 0.1 * rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    same["carries"] = carries
+    same["has_multiplier"] = has_multiplier
     r = p.integrate(
         multiplier, normals=normals, z=z, derivatives=cpp.Derivatives.gap_and_slip, **same
     )

@@ -220,8 +220,8 @@ def seen(plate):
         np.concatenate([part.sign for part, _ in parts]),
     )
     columns = upper.V.dofmap.index_map.size_global + np.concatenate([d for _, d in parts])
-    positive = np.zeros(upper.V.dofmap.index_map.size_local, np.int8)
-    positive[i.data.slave.local_blocks] = i.state.basis.nonnegative
+    nonnegative = np.zeros(upper.V.dofmap.index_map.size_local, np.int8)
+    nonnegative[i.data.slave.local_blocks] = i.state.basis.nonnegative
     assert np.all(i.state.basis.has_multiplier)
 
     M, bound = np.zeros((len(slave.x), columns.max() + 1)), np.zeros(len(slave.x))
@@ -230,7 +230,7 @@ def seen(plate):
         if w.sum() < 1e-10:
             continue
         kind, nodes, _, _ = slave.facet(f)
-        T = dm.cpp.transformation(dm.cpp.MultiplierSpace.dual, TYPE[kind], positive[dofs][nodes])
+        T = dm.cpp.transformation(dm.cpp.MultiplierSpace.dual, TYPE[kind], nonnegative[dofs][nodes])
         functions = oracle.shape_functions(kind, xi)[0] @ T
         functions = functions @ oracle.dual_coefficients(functions, w).T
         most = 0

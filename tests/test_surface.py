@@ -161,9 +161,40 @@ def test_bad_arrays():
         (1, [0, 1, 3], "does not have"),
         (1, [0, -1, 2], "does not have"),
         (3, numbers[::-1], "ascend"),
+        (0, [5], "no facet type 5"),
+        (2, [0], "orientation"),
     ):
         changed = (*good[:i], bad, *good[i + 1 :]) if last else good
         assert message in fails_on_all(comm, create, *changed)
+    for owner in (-1, comm.rank, comm.size):
+        ghost = ([0], [0, 1, 2], [1], numbers, 2, [owner], np.eye(3))
+        assert "owned by another rank" in fails_on_all(comm, create, *(ghost if last else good))
+
+
+@pytest.mark.parametrize("function", [cpp.scatter_forward, cpp.scatter_reverse_add])
+def test_bad_nodal_values(function):
+    """A rank with too few or too many of them does not leave the others waiting."""
+    s = dealt("tri6", 11).surface
+    last = comm.rank == comm.size - 1
+    good = np.zeros((s.num_nodes, 3))
+    for bad in (good[:-1], np.zeros((s.num_nodes + 1, 3)), np.zeros((s.num_nodes, 3, 2))):
+        assert "one row" in fails_on_all(comm, function, s, bad if last else good)
+    function(s, good)
+
+
+def test_bad_positions():
+    """Positions or fixed components of the wrong size are an error on all ranks."""
+    d = dealt("quad4", 12)
+    last = comm.rank == comm.size - 1
+    s, x, fixed = d.surface, d.x, np.zeros(d.x.shape, np.int8)
+    for bad in (x[:-1], np.vstack([x, x])):
+        here = bad if last else x
+        assert "three values" in fails_on_all(comm, cpp.compute_normals, s, here)
+        assert "slave surface" in fails_on_all(comm, cpp.check_areas, s, here, "slave surface")
+    wrong = fixed[:-1] if last else fixed
+    assert "three values" in fails_on_all(comm, cpp.compute_normals, s, x, wrong)
+    cpp.check_areas(s, x)
+    cpp.compute_normals(s, x, fixed)
 
 
 # -- Surfaces of DOLFINx spaces ----------------------------------------------------------------

@@ -206,8 +206,8 @@ def examples(number: int, seed: int) -> Iterator[Example]:
         options = {
             "multiplier": str(rng.choice(oracle.MULTIPLIERS)),
             "integration": str(rng.choice(list(INTEGRATION), p=[0.75, 0.25])),
-            "carries": np.ones(n) if rng.random() < 0.7 else rng.random(n) < 0.6,
-            "positive": np.ones(n, np.int8) if rng.random() < 0.3 else None,
+            "has_multiplier": np.ones(n) if rng.random() < 0.7 else rng.random(n) < 0.6,
+            "nonnegative": np.ones(n, np.int8) if rng.random() < 0.3 else None,
             "derivatives": cpp.Derivatives.gap_and_slip if k % 3 == 0 else cpp.Derivatives.none,
             "normals": np.tile(normal, (n, 1)),
             "z": rng.normal(size=(n, 3)),
@@ -256,11 +256,11 @@ def violated_balance(example: Example, r: dict[str, np.ndarray]) -> list[str]:
             bad.append(f"has {area / facet:.3g} of the area")
     if np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() > 1e-10 * scale:
         bad.append("rows of D and M differ")
-    if np.all(options["carries"]) and abs(r["D"].sum() - area) > 1e-9 * np.abs(r["D"]).sum():
+    if np.all(options["has_multiplier"]) and abs(r["D"].sum() - area) > 1e-9 * np.abs(r["D"]).sum():
         bad.append("D does not add up to the area")
     if options["multiplier"] != "standard" and never_negative(example):
         count = len(oracle.multiplier_nodes(p.kinds[0], options["multiplier"]))
-        if np.any(r["diagonal"][:count][options["carries"][:count].astype(bool)] <= 0):
+        if np.any(r["diagonal"][:count][options["has_multiplier"][:count].astype(bool)] <= 0):
             bad.append("D̃ is not positive")
     rows, bound = np.abs(r["M"]).sum(axis=1), largest_rows(example)
     if np.any(rows > (1 + 1e-6) * bound):
@@ -292,7 +292,7 @@ def largest_rows(example: Example) -> np.ndarray:
     near = moved(p, lambda x: x - middle)
     points = near.points(options["integration"], degree)
     count = len(oracle.multiplier_nodes(kind, multiplier))
-    T = cpp.transformation(SPACE[multiplier], TYPE[kind], options["positive"])
+    T = cpp.transformation(SPACE[multiplier], TYPE[kind], options["nonnegative"])
     xi, w = points["xi"], points["w"]
     functions = oracle.shape_functions(kind, xi)[0] @ T
     functions = functions[:, :count]
@@ -301,10 +301,12 @@ def largest_rows(example: Example) -> np.ndarray:
         functions, w = functions[inside], w[inside]
     if multiplier != "standard":
         functions = functions @ oracle.dual_coefficients(functions, w).T
-    carries = options["carries"][:count].astype(bool)
+    has_multiplier = options["has_multiplier"][:count].astype(bool)
     shared = np.zeros(len(p.slave.x))
     size = w @ np.abs(functions)
-    shared[:count][carries] = size[carries] + size[~carries].sum() / carries.sum()
+    shared[:count][has_multiplier] = (
+        size[has_multiplier] + size[~has_multiplier].sum() / has_multiplier.sum()
+    )
     return largest_sum(p.kinds[1]) * shared
 
 
@@ -321,7 +323,7 @@ def never_negative(example: Example) -> bool:
         return True
     if multiplier == "standard":
         return kind != "quad9"
-    return example.options["positive"] is not None
+    return example.options["nonnegative"] is not None
 
 
 # -- What must not matter ------------------------------------------------------------------------

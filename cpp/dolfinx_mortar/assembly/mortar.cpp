@@ -102,7 +102,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   {
     out.dropped_area += r.dropped_area;
     out.lost[f] = r.lost;
-    if (r.orphan)
+    if (r.without_multipliers)
       note_orphan(configuration.x_slave, nodes, out);
     if (!r.covered)
       return;

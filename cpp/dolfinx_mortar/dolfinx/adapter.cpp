@@ -3,15 +3,14 @@
 
 #include "adapter.h"
 #include "compat.h"
+#include "reference_facets.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
-#include <basix/cell.h>
-#include <basix/finite-element.h>
 #include <cmath>
 #include <dolfinx/mesh/Topology.h>
-#include <dolfinx/mesh/cell_types.h>
 #include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/common/sorted.h>
 #include <map>
 #include <stdexcept>
 #include <utility>
@@ -21,179 +20,6 @@ using namespace dolfinx_mortar;
 namespace
 {
 using Vector = Eigen::Vector3d;
-
-/// A facet of the reference cell.
-struct ReferenceFacet
-{
-  FacetType type;
-
-  /// Dofs of the cell at the nodes of the facet, in the order of facet.h
-  std::vector<int> dofs;
-
-  Vector midpoint;
-
-  /// Tangents x,ξ₁ × x,ξ₂ point out of the reference cell
-  bool outward;
-};
-
-/// Check that nodes and values of a space are those of a displacement.
-/// @return Basix element of a component.
-const basix::FiniteElement<double>&
-check_space(const dolfinx::fem::FunctionSpace<double>& V)
-{
-  const dolfinx::mesh::Mesh<double>& mesh = *V.mesh();
-  if (mesh.geometry().dim() != 3 or mesh.topology()->dim() != 3)
-  {
-    throw std::runtime_error(
-        "Mortar coupling is for three-dimensional bodies: the mesh has "
-        "topological dimension "
-        + std::to_string(mesh.topology()->dim()) + " and geometric dimension "
-        + std::to_string(mesh.geometry().dim()) + ".");
-  }
-  const auto cell = mesh.topology()->cell_type();
-  if (cell != dolfinx::mesh::CellType::tetrahedron
-      and cell != dolfinx::mesh::CellType::hexahedron)
-  {
-    throw std::runtime_error("Cells of type " + dolfinx::mesh::to_string(cell)
-                             + " are not supported: use tetrahedra or "
-                               "hexahedra.");
-  }
-  if (!V.component().empty() or V.element()->is_mixed())
-  {
-    throw std::runtime_error(
-        "The space is mixed or part of another space: displacements need a "
-        "space of their own, fem.functionspace(mesh, (\"Lagrange\", degree, "
-        "(3,))).");
-  }
-
-  const basix::FiniteElement<double>& e = [&]() -> auto&
-  {
-    try
-    {
-      return V.element()->basix_element();
-    }
-    catch (const std::exception&)
-    {
-      throw std::runtime_error(
-          "The element of the space has no basis functions (quadrature "
-          "element?): use Lagrange of degree 1 or 2, or "
-          "dolfinx_mortar.hex20().");
-    }
-  }();
-  if (!e.value_shape().empty())
-  {
-    throw std::runtime_error(
-        "The components of the space's element are coupled (Nedelec, "
-        "Raviart-Thomas, ...): use a blocked Lagrange element, "
-        "(\"Lagrange\", degree, (3,)).");
-  }
-  if (e.discontinuous() or e.entity_closure_dofs()[2][0].empty())
-  {
-    throw std::runtime_error(
-        "The space is discontinuous, so that facets have no dofs of their own: "
-        "use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
-  }
-  if (!e.interpolation_is_identity())
-  {
-    if (e.family() == basix::element::family::serendipity)
-    {
-      throw std::runtime_error(
-          "The space uses Basix serendipity, whose edge dofs are moments: use "
-          "dolfinx_mortar.hex20(), whose dofs are values at nodes.");
-    }
-    throw std::runtime_error(
-        "The dofs of the space are not values at nodes: use Lagrange of degree "
-        "1 or 2, or dolfinx_mortar.hex20().");
-  }
-  if (V.dofmap()->bs() != 3 or V.dofmap()->index_map_bs() != 3)
-  {
-    throw std::runtime_error(
-        "The space has " + std::to_string(V.dofmap()->bs())
-        + " component(s), a displacement has 3: use fem.functionspace(mesh, "
-          "(\"Lagrange\", degree, (3,))).");
-  }
-  return e;
-}
-
-/// Facets of the reference cell with their dofs, found by position: this is
-/// independent of how an element numbers its dofs.
-std::vector<ReferenceFacet>
-reference_facets(const basix::FiniteElement<double>& e)
-{
-  const auto topology = basix::cell::topology(e.cell_type());
-  const std::vector<double> geometry
-      = basix::cell::geometry<double>(e.cell_type()).first;
-  const std::vector<double>& points = e.points().first;
-  auto vertex = [&](int v) -> Vector
-  { return {geometry[3 * v], geometry[3 * v + 1], geometry[3 * v + 2]}; };
-  Vector centre = Vector::Zero();
-  const int num_vertices = topology[0].size();
-  for (int v = 0; v < num_vertices; ++v)
-    centre += vertex(v) / num_vertices;
-
-  std::vector<ReferenceFacet> facets(topology[2].size());
-  for (std::size_t f = 0; f < facets.size(); ++f)
-  {
-    ReferenceFacet& facet = facets[f];
-    const std::vector<int>& closure = e.entity_closure_dofs()[2][f];
-    const bool triangle = topology[2][f].size() == 3;
-    const auto type = [&]() -> FacetType
-    {
-      switch (closure.size())
-      {
-      case 3:
-        return FacetType::tri3;
-      case 6:
-        return FacetType::tri6;
-      case 4:
-        return FacetType::quad4;
-      case 8:
-        return FacetType::quad8;
-      case 9:
-        return FacetType::quad9;
-      default:
-        throw std::runtime_error(
-            "Facets with " + std::to_string(closure.size())
-            + " node(s) are not supported (element of degree "
-            + std::to_string(e.degree())
-            + "): use Lagrange of degree 1 or 2, or dolfinx_mortar.hex20().");
-      }
-    };
-    facet.type = type();
-
-    const Vector x0 = vertex(topology[2][f][0]);
-    const Vector t0 = vertex(topology[2][f][1]) - x0;
-    const Vector t1 = vertex(topology[2][f][2]) - x0;
-    facet.midpoint = x0 + (t0 + t1) / (triangle ? 3 : 2);
-    facet.outward = t0.cross(t1).dot(facet.midpoint - centre) > 0;
-
-    const std::span<const double> nodes = node_coordinates(facet.type);
-    for (int k = 0; k < num_nodes(facet.type); ++k)
-    {
-      auto is_node = [&](int dof)
-      {
-        double distance = 0;
-        for (int c = 0; c < 3; ++c)
-        {
-          const double x
-              = x0[c] + nodes[2 * k] * t0[c] + nodes[2 * k + 1] * t1[c];
-          distance += std::abs(points[3 * dof + c] - x);
-        }
-        return distance < 1e-8;
-      };
-      const auto dof = std::ranges::find_if(closure, is_node);
-      if (triangle != (num_corners(facet.type) == 3) or dof == closure.end())
-      {
-        throw std::runtime_error(
-            "The dofs of the space are not values at the vertices and the "
-            "midpoints of edges and facets: use Lagrange of degree 1 or 2, or "
-            "dolfinx_mortar.hex20().");
-      }
-      facet.dofs.push_back(*dof);
-    }
-  }
-  return facets;
-}
 
 /// Derivatives of the functions of a coordinate element at a point, shape (3,
 /// number of functions).
@@ -314,8 +140,7 @@ PartFacets part_facets(const SurfacePart& part)
   const std::int32_t num_cells = topology.index_map(3)->size_local();
 
   std::vector<std::int32_t> sorted(facets.begin(), facets.end());
-  std::ranges::sort(sorted);
-  sorted.erase(std::ranges::unique(sorted).begin(), sorted.end());
+  sort_unique(sorted);
   std::string message;
   if (!sorted.empty()
       and (sorted.front() < 0 or sorted.back() >= facet_cells->num_nodes()))
@@ -373,6 +198,103 @@ PartFacets part_facets(const SurfacePart& part)
   throw_on_all(comm, message);
   return {std::move(types), std::move(orientation), std::move(blocks)};
 }
+
+/// Local blocks of all bodies of a surface in one list, the owned ones first.
+struct BlockList
+{
+  /// Where the blocks of a body begin in the list
+  struct Begin
+  {
+    std::int32_t owned, ghosts;
+  };
+
+  std::vector<std::int64_t> numbers;
+  std::vector<double> X;
+  std::vector<std::int32_t> origin; // in the array of displacements
+  std::vector<int> owners;          // of ghosts
+  std::int32_t num_owned = 0;
+  std::map<std::int32_t, Begin> begin; // by SurfacePart::first_block
+
+  /// Place of a block of a part's space in the list.
+  std::int32_t place(const SurfacePart& part, std::int32_t block) const
+  {
+    const Begin& b = begin.at(part.first_block);
+    const std::int32_t owned = part.V->dofmap()->index_map->size_local();
+    return block < owned ? b.owned + block : b.ghosts + block - owned;
+  }
+};
+
+/// @param[in] bodies A part of each body.
+BlockList list_blocks(std::span<const SurfacePart* const> bodies)
+{
+  BlockList list;
+  std::vector<std::vector<double>> coordinates;
+  for (const SurfacePart* part : bodies)
+    coordinates.push_back(part->V->tabulate_dof_coordinates(false));
+  auto append = [&](std::size_t b, std::int32_t begin, std::int32_t end)
+  {
+    const std::span<const std::int64_t> n = bodies[b]->block_numbers;
+    const std::vector<double>& x = coordinates[b];
+    list.numbers.insert(list.numbers.end(), n.begin() + begin, n.begin() + end);
+    list.X.insert(list.X.end(), x.begin() + 3 * begin, x.begin() + 3 * end);
+    for (std::int32_t i = begin; i < end; ++i)
+      list.origin.push_back(bodies[b]->first_block + i);
+  };
+  for (std::size_t b = 0; b < bodies.size(); ++b)
+  {
+    list.begin[bodies[b]->first_block].owned = list.numbers.size();
+    append(b, 0, bodies[b]->V->dofmap()->index_map->size_local());
+  }
+  list.num_owned = list.numbers.size();
+  for (std::size_t b = 0; b < bodies.size(); ++b)
+  {
+    const auto& map = *bodies[b]->V->dofmap()->index_map;
+    list.begin[bodies[b]->first_block].ghosts = list.numbers.size();
+    append(b, map.size_local(), map.size_local() + map.num_ghosts());
+    list.owners.insert(list.owners.end(), map.owners().begin(),
+                       map.owners().end());
+  }
+  return list;
+}
+
+/// A part of each body, by where its displacements begin; checked. Collective.
+std::vector<const SurfacePart*> bodies_of(std::span<const SurfacePart> parts,
+                                          MPI_Comm comm)
+{
+  std::map<std::int32_t, const SurfacePart*> bodies;
+  for (const SurfacePart& part : parts)
+    bodies.insert({part.first_block, &part});
+  std::string message;
+  std::vector<const SurfacePart*> list;
+  for (auto& [first, part] : bodies)
+  {
+    check_space(*part->V);
+    const auto& map = *part->V->dofmap()->index_map;
+    if (part->block_numbers.size()
+        != static_cast<std::size_t>(map.size_local() + map.num_ghosts()))
+    {
+      message = "Each local block of the function space needs a number.";
+    }
+    list.push_back(part);
+  }
+  throw_on_all(comm, message);
+  return list;
+}
+
+/// Refuse a part that has no facets on any rank. Collective.
+void check_not_empty(const SurfacePart& part, const PartFacets& facets,
+                     MPI_Comm comm)
+{
+  const std::int64_t local = facets.types.size();
+  std::int64_t global = 0;
+  MPI_Allreduce(&local, &global, 1, MPI_INT64_T, MPI_SUM, comm);
+  if (global == 0)
+  {
+    throw std::runtime_error("The " + part.name
+                             + " has no facets on any rank: check the tag "
+                               "and the mesh's facet tags.");
+  }
+}
 } // namespace
 //-----------------------------------------------------------------------------
 Surface dolfinx_mortar::create_surface(std::span<const SurfacePart> parts)
@@ -380,91 +302,24 @@ Surface dolfinx_mortar::create_surface(std::span<const SurfacePart> parts)
   if (parts.empty())
     throw std::runtime_error("A surface needs at least one part.");
   MPI_Comm comm = parts.front().V->mesh()->comm();
-
-  // Local blocks of all bodies in one list, the owned ones first
-  struct Body
-  {
-    const SurfacePart* part;
-    std::int32_t first_owned, first_ghost; // in the list
-  };
-  std::map<std::int32_t, Body> bodies;
-  for (const SurfacePart& part : parts)
-    bodies.insert({part.first_block, {&part, 0, 0}});
-  std::int32_t size = 0;
-  std::vector<std::int64_t> numbers;
-  std::vector<std::int32_t> origin;
-  std::vector<double> X;
-  std::vector<int> owners;
-  std::string message;
-  std::map<std::int32_t, std::vector<double>> coordinates;
-  for (auto& [first, body] : bodies)
-  {
-    check_space(*body.part->V);
-    coordinates[first] = body.part->V->tabulate_dof_coordinates(false);
-    const auto& map = *body.part->V->dofmap()->index_map;
-    if (body.part->block_numbers.size()
-        != static_cast<std::size_t>(map.size_local() + map.num_ghosts()))
-    {
-      message = "Each local block of the function space needs a number.";
-    }
-  }
-  throw_on_all(comm, message);
-  auto append = [&](std::int32_t first, const Body& body, std::int32_t begin,
-                    std::int32_t end)
-  {
-    const auto& n = body.part->block_numbers;
-    const auto& x = coordinates[first];
-    numbers.insert(numbers.end(), n.begin() + begin, n.begin() + end);
-    X.insert(X.end(), x.begin() + 3 * begin, x.begin() + 3 * end);
-    for (std::int32_t i = begin; i < end; ++i)
-      origin.push_back(first + i);
-    size += end - begin;
-  };
-  for (auto& [first, body] : bodies)
-  {
-    body.first_owned = size;
-    append(first, body, 0, body.part->V->dofmap()->index_map->size_local());
-  }
-  const std::int32_t num_owned = size;
-  for (auto& [first, body] : bodies)
-  {
-    const auto& map = *body.part->V->dofmap()->index_map;
-    body.first_ghost = size;
-    append(first, body, map.size_local(), map.size_local() + map.num_ghosts());
-    owners.insert(owners.end(), map.owners().begin(), map.owners().end());
-  }
-
-  // Facets of all parts
+  const BlockList blocks = list_blocks(bodies_of(parts, comm));
   PartFacets all;
   for (const SurfacePart& part : parts)
   {
     const PartFacets f = part_facets(part);
-    const Body& body = bodies.at(part.first_block);
-    const std::int32_t owned = part.V->dofmap()->index_map->size_local();
-    const std::int64_t local = f.types.size();
-    std::int64_t global = 0;
-    MPI_Allreduce(&local, &global, 1, MPI_INT64_T, MPI_SUM, comm);
-    if (global == 0)
-    {
-      throw std::runtime_error("The " + part.name
-                               + " has no facets on any rank: check the tag "
-                                 "and the mesh's facet tags.");
-    }
+    check_not_empty(part, f, comm);
     all.types.insert(all.types.end(), f.types.begin(), f.types.end());
     all.orientation.insert(all.orientation.end(), f.orientation.begin(),
                            f.orientation.end());
     for (std::int32_t b : f.blocks)
-    {
-      all.blocks.push_back(b < owned ? body.first_owned + b
-                                     : body.first_ghost + b - owned);
-    }
+      all.blocks.push_back(blocks.place(part, b));
   }
 
   Surface s = create_surface(comm, std::move(all.types), all.blocks,
-                             std::move(all.orientation), numbers, num_owned,
-                             owners, X);
+                             std::move(all.orientation), blocks.numbers,
+                             blocks.num_owned, blocks.owners, blocks.X);
   for (std::int32_t& b : s.local_blocks)
-    b = origin[b];
+    b = blocks.origin[b];
   check_areas(s, s.X, parts.front().name);
   return s;
 }
@@ -513,4 +368,3 @@ Surface dolfinx_mortar::create_surface(
   const SurfacePart part = tagged_part(V, tags, tag, side, block_numbers, 0);
   return create_surface(std::span(&part, 1));
 }
-//-----------------------------------------------------------------------------

@@ -39,9 +39,9 @@ struct FacetIntegrals
   /// False where no master covers any part of the facet (nothing else is set)
   bool covered = false;
 
-  /// True where masters cover the facet but none of its nodes carries a
+  /// True where masters cover the facet but none of its nodes has a
   /// multiplier (then nothing else is set)
-  bool orphan = false;
+  bool without_multipliers = false;
 
   /// Covered area; area of overlaps left out, see PairPoints
   double area = 0, dropped_area = 0;
@@ -110,11 +110,11 @@ public:
   ///
   /// @param[in] slave Slave facet.
   /// @param[in] normals Averaged normals of its nodes, shape (n, 3).
-  /// @param[in] carries Shape (n): 1 for nodes that carry a multiplier, 0 for
-  /// those whose function the others share, -1 for those that nothing acts at.
-  /// The functions Φ of the other multiplier nodes of the space are shared
+  /// @param[in] has_multiplier Shape (n): 1 for nodes that have a multiplier, 0
+  /// for those whose function the others share, -1 for those that nothing acts
+  /// at. The functions Φ of the other multiplier nodes of the space are shared
   /// equally among those.
-  /// @param[in] positive Flags of nodes for the basis transformation, see
+  /// @param[in] nonnegative Flags of nodes for the basis transformation, see
   /// transformation; shape (n) or empty.
   /// @param[in] z Nodal multipliers, shape (n, 3); used for derivatives only.
   /// @param[in] list Facets that `masters` refers to.
@@ -125,8 +125,8 @@ public:
   /// or beyond 1e75.
   const FacetIntegrals&
   compute(const FacetView& slave, std::span<const double> normals,
-          std::span<const std::int8_t> carries,
-          std::span<const std::int8_t> positive, std::span<const double> z,
+          std::span<const std::int8_t> has_multiplier,
+          std::span<const std::int8_t> nonnegative, std::span<const double> z,
           const FacetList& list, std::span<const std::int32_t> masters,
           Derivatives derivatives);
 
@@ -241,7 +241,7 @@ private:
   /// @brief D̃ and D = D̃ T⁻¹ (equations 3.5, 4.12), M (3.6), weighted gap
   /// (3.7) and offset.
   /// @return False where the signs of D̃ are lost in round-off.
-  bool weigh(std::span<const std::int8_t> carries);
+  bool weigh(std::span<const std::int8_t> has_multiplier);
 
   /// @brief Derivatives of Bᵀz (equation 3.4, z fixed), weighted gap and
   /// offset; after all others.

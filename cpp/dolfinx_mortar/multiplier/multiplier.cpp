@@ -15,7 +15,7 @@ struct EdgeShare
   double corner, edge;
 };
 
-EdgeShare edge_share(MultiplierSpace space, FacetType type, bool positive)
+EdgeShare edge_share(MultiplierSpace space, FacetType type, bool nonnegative)
 {
   if (!is_second_order(type))
     return {0, 1};
@@ -26,13 +26,13 @@ EdgeShare edge_share(MultiplierSpace space, FacetType type, bool positive)
     switch (type)
     {
     case FacetType::tri6:
-      alpha = positive ? 3.0 / 8 : 1.0 / 12;
+      alpha = nonnegative ? 3.0 / 8 : 1.0 / 12;
       break;
     case FacetType::quad8:
-      alpha = positive ? 3.0 / 8 : 1.0 / 5;
+      alpha = nonnegative ? 3.0 / 8 : 1.0 / 5;
       break;
     default:
-      alpha = positive ? 1.0 / 4 : 0;
+      alpha = nonnegative ? 1.0 / 4 : 0;
     }
     return {alpha, 1 - 2 * alpha};
   }
@@ -49,7 +49,7 @@ struct CentreShare
   double corner, edge, centre;
 };
 
-CentreShare centre_share(MultiplierSpace space, bool positive)
+CentreShare centre_share(MultiplierSpace space, bool nonnegative)
 {
   switch (space)
   {
@@ -57,7 +57,7 @@ CentreShare centre_share(MultiplierSpace space, bool positive)
     // Bilinear functions are one quarter at the centre
     return {0.25, 0, 1};
   case MultiplierSpace::dual:
-    if (positive)
+    if (nonnegative)
       return {1.0 / 16, 1.0 / 8, 1.0 / 4};
     return {0, 0, 1};
   default:
@@ -82,7 +82,7 @@ int dolfinx_mortar::num_multipliers(MultiplierSpace space, FacetType type)
 //-----------------------------------------------------------------------------
 FacetMatrix
 dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
-                               std::span<const std::int8_t> positive)
+                               std::span<const std::int8_t> nonnegative)
 {
   const int n = num_nodes(type), nc = num_corners(type);
   FacetMatrix T = FacetMatrix::Identity(n, n);
@@ -92,7 +92,7 @@ dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
   for (int e = 0; e < nc; ++e)
   {
     const EdgeShare s
-        = edge_share(space, type, !positive.empty() and positive[nc + e]);
+        = edge_share(space, type, !nonnegative.empty() and nonnegative[nc + e]);
     for (int c : edges[e])
       T(nc + e, c) = s.corner;
     T(nc + e, nc + e) = s.edge;
@@ -100,7 +100,7 @@ dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
   if (type == FacetType::quad9)
   {
     const CentreShare s
-        = centre_share(space, !positive.empty() and positive[8]);
+        = centre_share(space, !nonnegative.empty() and nonnegative[8]);
     T.block(8, 0, 1, 4).setConstant(s.corner);
     T.block(8, 4, 1, 4).setConstant(s.edge);
     T(8, 8) = s.centre;
@@ -110,11 +110,11 @@ dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
 //-----------------------------------------------------------------------------
 FacetMatrix
 dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
-                                       std::span<const std::int8_t> positive)
+                                       std::span<const std::int8_t> nonnegative)
 {
   // Corners, then edges, then the centre: T is lower triangular, so this is
   // d̃_e = (d_e - α (d_a + d_b)) / (1 - 2 α)
-  const FacetMatrix T = transformation(space, type, positive);
+  const FacetMatrix T = transformation(space, type, nonnegative);
   FacetMatrix inverse = FacetMatrix::Identity(T.rows(), T.cols());
   for (int i = 0; i < T.rows(); ++i)
   {
@@ -126,15 +126,16 @@ dolfinx_mortar::inverse_transformation(MultiplierSpace space, FacetType type,
 }
 //-----------------------------------------------------------------------------
 bool dolfinx_mortar::is_nonnegative(MultiplierSpace space, FacetType type,
-                                    std::span<const std::int8_t> positive)
+                                    std::span<const std::int8_t> nonnegative)
 {
   if (!is_second_order(type) or space == MultiplierSpace::dual_linear)
     return true;
   // On tri6 and quad8 these are the (bi)linear functions of the corners
   if (space == MultiplierSpace::standard)
     return type != FacetType::quad9;
-  return !positive.empty()
-         and std::all_of(positive.begin() + num_corners(type), positive.end(),
+  return !nonnegative.empty()
+         and std::all_of(nonnegative.begin() + num_corners(type),
+                         nonnegative.end(),
                          [](auto flag) { return flag != 0; });
 }
 //-----------------------------------------------------------------------------

@@ -16,7 +16,7 @@ using FacetMatrix
     = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor,
                     max_facet_nodes, max_facet_nodes>;
 
-/// @brief Number of nodes of a facet that carry multipliers; these come first.
+/// @brief Number of nodes of a facet that have multipliers; these come first.
 int num_multipliers(MultiplierSpace space, FacetType type);
 
 /// @brief True where the multiplier functions are biorthogonal to Ñ.
@@ -36,28 +36,29 @@ constexpr bool is_dual(MultiplierSpace space)
 ///
 /// Where a master covers only a part of a facet, ∫ Ñ_k over this part can be
 /// negative, and a weighted gap would have the wrong sign. Edges (and centres)
-/// flagged as `positive` get α = 3/8 on tri6 and quad8, and Bernstein's
+/// flagged as `nonnegative` get α = 3/8 on tri6 and quad8, and Bernstein's
 /// functions (α = 1/4, centre ¼ N, its shares 1/16 and 1/8) on quad9: the Ñ of
 /// a facet all of whose edges are flagged are nowhere negative, and still add
 /// up to one.
 ///
 /// T depends on connectivity and flags alone: entries of nodes shared by facets
 /// agree.
-/// @param[in] positive Flags of the nodes of the facet, or empty; those of
+/// @param[in] nonnegative Flags of the nodes of the facet, or empty; those of
 /// corners do not matter.
 /// @return T, shape (num_nodes, num_nodes).
 FacetMatrix transformation(MultiplierSpace space, FacetType type,
-                           std::span<const std::int8_t> positive = {});
+                           std::span<const std::int8_t> nonnegative = {});
 
 /// @brief Inverse of the basis transformation, d̃ = T⁻¹ d (equations 4.6,
 /// 4.14); exact.
 FacetMatrix inverse_transformation(MultiplierSpace space, FacetType type,
-                                   std::span<const std::int8_t> positive = {});
+                                   std::span<const std::int8_t> nonnegative
+                                   = {});
 
 /// @brief True where no Ñ of a multiplier node has a negative value on a facet
 /// with these flags; outside of the reference facet it may have.
 bool is_nonnegative(MultiplierSpace space, FacetType type,
-                    std::span<const std::int8_t> positive);
+                    std::span<const std::int8_t> nonnegative);
 
 /// @brief Symmetric positive definite matrix, factorised with its diagonal
 /// scaled to one (mass matrices of barely covered facets are close to

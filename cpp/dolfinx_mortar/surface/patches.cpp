@@ -8,6 +8,7 @@
 #include <cmath>
 #include <compare>
 #include <dolfinx_mortar/common/mpi_exchange.h>
+#include <dolfinx_mortar/common/sorted.h>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -31,11 +32,70 @@ struct Patches
   std::vector<std::int32_t> of_incidence, count;
 };
 
+/// Where facets use nodes, as positions in `Surface::nodes`.
+struct NodeUses
+{
+  /// Of nodes that this rank owns
+  std::vector<std::int32_t> own;
+
+  /// Of ghosts, for each of `Surface::owner_ranks`
+  std::vector<std::vector<std::int32_t>> of_owner;
+};
+
 /// Index in `owner_ranks` of the owner of a ghost.
 std::size_t owner_index(const Surface& s, std::int32_t ghost)
 {
   const auto it = std::ranges::upper_bound(s.recv_offsets, ghost - s.num_owned);
   return std::distance(s.recv_offsets.begin(), it) - 1;
+}
+
+NodeUses node_uses(const Surface& s)
+{
+  NodeUses uses;
+  uses.of_owner.resize(s.owner_ranks.size());
+  for (std::size_t i = 0; i < s.nodes.size(); ++i)
+  {
+    if (s.nodes[i] < s.num_owned)
+      uses.own.push_back(i);
+    else
+      uses.of_owner[owner_index(s, s.nodes[i])].push_back(i);
+  }
+  return uses;
+}
+
+/// Facets at their nodes, in the order of `Surface::nodes`.
+std::vector<Incidence> facet_incidences(const Surface& s)
+{
+  std::vector<Incidence> all;
+  all.reserve(s.nodes.size());
+  std::array<double, 3 * max_facet_nodes> n;
+  for (std::size_t f = 0; f < s.types.size(); ++f)
+  {
+    facet_normals(s, s.X, f, n);
+    const std::span<const std::int32_t> nodes = facet_nodes(s, f);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+    {
+      all.push_back(
+          {s.numbers[nodes[k]], {n[3 * k], n[3 * k + 1], n[3 * k + 2]}});
+    }
+  }
+  return all;
+}
+
+/// What belongs to the uses of ghosts, for their owners.
+template <typename T>
+RankData<T> for_owners(const Surface& s, const NodeUses& uses,
+                       std::span<const T> values)
+{
+  RankData<T> data;
+  data.ranks = s.owner_ranks;
+  for (const auto& list : uses.of_owner)
+  {
+    for (std::int32_t i : list)
+      data.values.push_back(values[i]);
+    data.offsets.push_back(data.values.size());
+  }
+  return data;
 }
 
 /// Number the smooth patches at a node.
@@ -113,10 +173,10 @@ Patches find_patches(const Surface& s, std::span<const Incidence> incidences,
   return patches;
 }
 
-/// A node of a rank's facets.
+/// A patch at a node.
 struct PatchNode
 {
-  std::int64_t number;
+  std::int64_t number; // of the node
   std::int32_t patch;
   auto operator<=>(const PatchNode&) const = default;
 };
@@ -129,162 +189,173 @@ RankData<PatchNode> unique_by_rank(const RankData<PatchNode>& data)
   {
     std::vector<PatchNode> v(data.values.begin() + data.offsets[r],
                              data.values.begin() + data.offsets[r + 1]);
-    std::ranges::sort(v);
-    v.erase(std::ranges::unique(v).begin(), v.end());
+    sort_unique(v);
     out.ranks.push_back(data.ranks[r]);
     out.values.insert(out.values.end(), v.begin(), v.end());
     out.offsets.push_back(out.values.size());
   }
   return out;
 }
+
+/// Patch of each entry of `Surface::nodes`.
+/// @param[in] of_own Patches at the uses of owned nodes.
+/// @param[in] of_ghosts Patches at the uses of ghosts, owner after owner.
+std::vector<std::int32_t> patch_of_uses(const NodeUses& uses,
+                                        std::span<const std::int32_t> of_own,
+                                        std::span<const std::int32_t> of_ghosts)
+{
+  std::vector<std::int32_t> patch(of_own.size() + of_ghosts.size());
+  for (std::size_t i = 0; i < of_own.size(); ++i)
+    patch[uses.own[i]] = of_own[i];
+  auto next = of_ghosts.begin();
+  for (const auto& list : uses.of_owner)
+    for (std::int32_t k : list)
+      patch[k] = *next++;
+  return patch;
+}
+
+/// The node that each node of a split surface is a part of.
+/// @param[in] count Number of patches of each owned node.
+/// @param[in] ghosts Ghosts of the split surface.
+std::vector<std::int32_t> origins(const Surface& s,
+                                  std::span<const std::int32_t> count,
+                                  std::span<const PatchNode> ghosts)
+{
+  std::vector<std::int32_t> origin;
+  for (std::int32_t k = 0; k < s.num_owned; ++k)
+    origin.insert(origin.end(), count[k], k);
+  std::vector<std::pair<std::int64_t, std::int32_t>> index; // of a number
+  for (std::int32_t i = s.num_owned; i < num_local_nodes(s); ++i)
+    index.emplace_back(s.numbers[i], i);
+  std::ranges::sort(index);
+  for (const PatchNode& node : ghosts)
+  {
+    origin.push_back(
+        std::ranges::lower_bound(index, std::pair(node.number, std::int32_t(0)))
+            ->second);
+  }
+  return origin;
+}
+
+/// Nodes of the facets of a split surface.
+/// @param[in] first First part of each owned node.
+/// @param[in] num_owned Number of parts that this rank owns.
+/// @param[in] patch Patch of each entry of `Surface::nodes`.
+/// @param[in] ghosts Ghosts of the split surface, by owner.
+std::vector<std::int32_t> split_nodes(const Surface& s, const NodeUses& uses,
+                                      std::span<const std::int32_t> first,
+                                      std::int32_t num_owned,
+                                      std::span<const std::int32_t> patch,
+                                      const RankData<PatchNode>& ghosts)
+{
+  std::vector<std::int32_t> nodes(s.nodes.size());
+  for (std::int32_t k : uses.own)
+    nodes[k] = first[s.nodes[k]] + patch[k];
+  for (std::size_t r = 0; r < s.owner_ranks.size(); ++r)
+  {
+    const auto begin = ghosts.values.begin() + ghosts.offsets[r],
+               end = ghosts.values.begin() + ghosts.offsets[r + 1];
+    for (std::int32_t k : uses.of_owner[r])
+    {
+      const auto it = std::lower_bound(
+          begin, end, PatchNode{s.numbers[s.nodes[k]], patch[k]});
+      nodes[k] = num_owned + std::distance(ghosts.values.begin(), it);
+    }
+  }
+  return nodes;
+}
+
+/// The surface whose nodes are the patches at the nodes of another. Collective.
+/// @param[in] count Number of patches of each owned node.
+/// @param[in] patch Patch of each entry of `Surface::nodes`.
+/// @param[in] ghosts Patches that facets of this rank are on, of nodes that
+/// others own.
+/// @param[in] shared Patches of owned nodes that facets of others are on.
+Surface split_surface(const Surface& s, const NodeUses& uses,
+                      std::span<const std::int32_t> count,
+                      std::span<const std::int32_t> patch,
+                      const RankData<PatchNode>& ghosts,
+                      const RankData<PatchNode>& shared)
+{
+  std::vector<std::int32_t> first(s.num_owned + 1, 0);
+  std::inclusive_scan(count.begin(), count.end(), first.begin() + 1);
+
+  Surface out;
+  out.comm = s.comm;
+  out.types = s.types;
+  out.offsets = s.offsets;
+  out.orientation = s.orientation;
+  out.num_owned = first.back();
+  out.nodes = split_nodes(s, uses, first, out.num_owned, patch, ghosts);
+  for (std::int32_t k : origins(s, count, ghosts.values))
+  {
+    out.blocks.push_back(s.blocks[k]);
+    out.local_blocks.push_back(s.local_blocks[k]);
+    out.X.insert(out.X.end(), s.X.begin() + 3 * k, s.X.begin() + 3 * k + 3);
+  }
+
+  out.owner_ranks = ghosts.ranks;
+  out.recv_offsets = ghosts.offsets;
+  out.recv_nodes.resize(ghosts.values.size());
+  std::iota(out.recv_nodes.begin(), out.recv_nodes.end(), out.num_owned);
+  out.ghost_ranks = shared.ranks;
+  out.send_offsets = shared.offsets;
+  for (const PatchNode& node : shared.values)
+    out.send_nodes.push_back(first[node.number - s.first_owned] + node.patch);
+  number_nodes(out);
+  return out;
+}
+
+/// True where some node of some rank has several patches. Collective.
+bool any_split(MPI_Comm comm, std::span<const std::int32_t> count)
+{
+  int several = std::ranges::any_of(count, [](auto n) { return n > 1; });
+  MPI_Allreduce(MPI_IN_PLACE, &several, 1, MPI_INT, MPI_MAX, comm);
+  return several;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
 Surface dolfinx_mortar::split_at_edges(const Surface& s, double feature_angle)
 {
-  // Facets at nodes, in the order of `s.nodes`
-  std::vector<double> normals(3 * s.nodes.size());
-  for (std::size_t f = 0; f < s.types.size(); ++f)
-  {
-    facet_normals(s, s.X, f,
-                  std::span(normals).subspan(3 * s.offsets[f],
-                                             3 * facet_nodes(s, f).size()));
-  }
-
-  // This rank's own nodes come first among what an owner numbers, then those of
-  // other ranks, rank after rank
-  std::vector<std::vector<std::int32_t>> at_owner(s.owner_ranks.size());
-  std::vector<std::int32_t> at_own;
-  for (std::size_t i = 0; i < s.nodes.size(); ++i)
-  {
-    if (s.nodes[i] < s.num_owned)
-      at_own.push_back(i);
-    else
-      at_owner[owner_index(s, s.nodes[i])].push_back(i);
-  }
-  auto incidence = [&](std::int32_t i) -> Incidence
-  {
-    return {s.numbers[s.nodes[i]],
-            {normals[3 * i], normals[3 * i + 1], normals[3 * i + 2]}};
-  };
+  // The owner of a node numbers its patches: first the facets of this rank at
+  // its own nodes, then those of other ranks, rank after rank
+  const NodeUses uses = node_uses(s);
+  const std::vector<Incidence> local = facet_incidences(s);
   std::vector<Incidence> incidences;
-  std::ranges::transform(at_own, std::back_inserter(incidences), incidence);
-  RankData<Incidence> sent;
-  sent.ranks = s.owner_ranks;
-  for (const auto& list : at_owner)
-  {
-    std::ranges::transform(list, std::back_inserter(sent.values), incidence);
-    sent.offsets.push_back(sent.values.size());
-  }
-  const RankData<Incidence> received = exchange(s.comm, sent);
+  for (std::int32_t i : uses.own)
+    incidences.push_back(local[i]);
+  const RankData<Incidence> received = exchange(
+      s.comm, for_owners(s, uses, std::span<const Incidence>(local)));
   incidences.insert(incidences.end(), received.values.begin(),
                     received.values.end());
-
-  // The owners number the patches
   const Patches patches
       = find_patches(s, incidences, std::cos(std::min(feature_angle, M_PI)));
-  std::vector<std::int32_t> first(s.num_owned + 1, 0);
-  std::inclusive_scan(patches.count.begin(), patches.count.end(),
-                      first.begin() + 1);
-  const std::int64_t local[2] = {first.back(), first.back() - s.num_owned};
-  std::int64_t global[2];
-  MPI_Allreduce(local, global, 2, MPI_INT64_T, MPI_SUM, s.comm);
-  if (global[1] == 0)
+  if (!any_split(s.comm, patches.count))
     return s;
 
-  RankData<std::int32_t> answers;
-  answers.ranks = received.ranks;
-  answers.offsets = received.offsets;
-  answers.values.assign(patches.of_incidence.begin() + at_own.size(),
-                        patches.of_incidence.end());
-  const RankData<std::int32_t> answered = exchange(s.comm, answers);
+  // The owners answer in the order in which they were asked
+  const std::span<const std::int32_t> found(patches.of_incidence);
+  const std::span<const std::int32_t> answers = found.subspan(uses.own.size());
+  const RankData<std::int32_t> answered = exchange(
+      s.comm, RankData<std::int32_t>{received.ranks,
+                                     received.offsets,
+                                     {answers.begin(), answers.end()}});
+  const std::vector<std::int32_t> patch
+      = patch_of_uses(uses, found.first(uses.own.size()), answered.values);
 
   // Ghosts are those patches of nodes that facets of this rank are on; the
   // owner lists them in the same order
-  RankData<PatchNode> wanted, asked;
-  wanted.ranks = s.owner_ranks;
-  std::vector<std::int32_t> patch(s.nodes.size());
-  for (std::size_t i = 0; i < at_own.size(); ++i)
-    patch[at_own[i]] = patches.of_incidence[i];
-  for (std::size_t r = 0, i = 0; r < at_owner.size(); ++r)
-  {
-    for (std::int32_t k : at_owner[r])
-    {
-      patch[k] = answered.values[i++];
-      wanted.values.push_back({s.numbers[s.nodes[k]], patch[k]});
-    }
-    wanted.offsets.push_back(wanted.values.size());
-  }
-  asked.ranks = received.ranks;
-  asked.offsets = received.offsets;
+  std::vector<PatchNode> nodes(s.nodes.size());
+  for (std::size_t i = 0; i < nodes.size(); ++i)
+    nodes[i] = {s.numbers[s.nodes[i]], patch[i]};
+  const RankData<PatchNode> ghosts
+      = unique_by_rank(for_owners(s, uses, std::span<const PatchNode>(nodes)));
+  RankData<PatchNode> asked = {received.ranks, received.offsets, {}};
   for (std::size_t i = 0; i < received.values.size(); ++i)
-    asked.values.push_back({received.values[i].number, answers.values[i]});
-  wanted = unique_by_rank(wanted);
-  asked = unique_by_rank(asked);
-
-  Surface out = s;
-  out.num_owned = first.back();
-  out.num_global = global[0];
-  MPI_Exscan(local, &out.first_owned, 1, MPI_INT64_T, MPI_SUM, s.comm);
-  int rank;
-  MPI_Comm_rank(s.comm, &rank);
-  if (rank == 0)
-    out.first_owned = 0;
-  out.owner_ranks = wanted.ranks;
-  out.recv_offsets = wanted.offsets;
-  out.recv_nodes.resize(wanted.values.size());
-  std::iota(out.recv_nodes.begin(), out.recv_nodes.end(), out.num_owned);
-  out.ghost_ranks = asked.ranks;
-  out.send_offsets = asked.offsets;
-  out.send_nodes.clear();
-  for (const PatchNode& node : asked.values)
-    out.send_nodes.push_back(first[node.number - s.first_owned] + node.patch);
-
-  // Data of nodes, from the node that each is a part of
-  std::vector<std::int32_t> origin;
-  for (std::int32_t k = 0; k < s.num_owned; ++k)
-    origin.insert(origin.end(), patches.count[k], k);
-  std::vector<std::pair<std::int64_t, std::int32_t>> ghosts; // number, index
-  for (std::int32_t i = s.num_owned; i < num_local_nodes(s); ++i)
-    ghosts.emplace_back(s.numbers[i], i);
-  std::ranges::sort(ghosts);
-  for (const PatchNode& node : wanted.values)
-  {
-    origin.push_back(std::ranges::lower_bound(
-                         ghosts, std::pair(node.number, std::int32_t(0)))
-                         ->second);
-  }
-  out.numbers.resize(origin.size());
-  out.blocks.resize(origin.size());
-  out.local_blocks.resize(origin.size());
-  out.X.resize(3 * origin.size());
-  for (std::size_t i = 0; i < origin.size(); ++i)
-  {
-    out.numbers[i] = out.first_owned + i;
-    out.blocks[i] = s.blocks[origin[i]];
-    out.local_blocks[i] = s.local_blocks[origin[i]];
-    std::copy_n(s.X.data() + 3 * origin[i], 3, out.X.data() + 3 * i);
-  }
-  scatter_forward(out, std::span(out.numbers), 1);
-
-  // Nodes of facets
-  for (std::size_t r = 0; r < s.owner_ranks.size(); ++r)
-  {
-    const std::span<const PatchNode> list
-        = std::span(wanted.values)
-              .subspan(wanted.offsets[r],
-                       wanted.offsets[r + 1] - wanted.offsets[r]);
-    for (std::int32_t k : at_owner[r])
-    {
-      const auto it = std::ranges::lower_bound(
-          list, PatchNode{s.numbers[s.nodes[k]], patch[k]});
-      out.nodes[k]
-          = out.num_owned + wanted.offsets[r] + std::distance(list.begin(), it);
-    }
-  }
-  for (std::int32_t k : at_own)
-    out.nodes[k] = first[s.nodes[k]] + patch[k];
-  return out;
+    asked.values.push_back({received.values[i].number, answers[i]});
+  return split_surface(s, uses, patches.count, patch, ghosts,
+                       unique_by_rank(asked));
 }
 //-----------------------------------------------------------------------------
 void dolfinx_mortar::share_largest(const Surface& s,

@@ -162,6 +162,11 @@ struct Facets
   std::vector<Facet> facets;
   std::vector<std::int32_t> offsets = {0};
   std::vector<Node> nodes;
+
+  std::span<const Node> nodes_of(std::int32_t f) const
+  {
+    return std::span(nodes).subspan(offsets[f], offsets[f + 1] - offsets[f]);
+  }
 };
 
 void append(Facets& list, const Surface& s, std::span<const double> x,
@@ -220,107 +225,100 @@ Facets collect(const Box& box, const Surface& s, std::span<const double> x,
   }
   return near;
 }
-} // namespace
-
-//-----------------------------------------------------------------------------
-Candidates dolfinx_mortar::find_candidates(const Surface& slave,
-                                           std::span<const double> x_slave,
-                                           const Surface& master,
-                                           std::span<const double> x_master,
-                                           std::optional<double> distance,
-                                           double factor)
+/// Order of facets by their blocks, which no partition changes.
+std::vector<std::int32_t> order_by_blocks(const Facets& list)
 {
-  std::string message;
-  auto check = [&](const Surface& s, std::span<const double> x)
-  {
-    if (x.size() != 3 * s.numbers.size())
-      message = "Positions need three values for each node of a surface.";
-    else if (!std::ranges::all_of(x, [](double v)
-                                  { return std::abs(v) <= largest_position; }))
-    {
-      message = "The position of a surface node is not finite (NaN, infinite "
-                "or beyond 1e75): the solver has diverged.";
-    }
-  };
-  check(slave, x_slave);
-  check(master, x_master);
-  if (distance and !(*distance > 0 and std::isfinite(*distance)))
-    message = "The search distance must be a positive length.";
-  throw_on_all(slave.comm, message);
-
-  if (distance)
-    distance = *distance * factor;
-
-  // Without a given distance it is that of a pair, max(d_slave, d_master):
-  // boxes grown by their own facet's diameter meet in every such pair, and in
-  // some more
-  auto reach
-      = [&](const Outline& o) { return distance ? 0 : factor * o.diameter; };
-  const double extra = distance.value_or(0);
-
-  const std::vector<Outline> slaves = outlines(slave, x_slave);
-  Box box;
-  for (const Outline& o : slaves)
-    add(box, grown(o.box, reach(o) + extra));
-  Facets near;
-  {
-    const std::vector<Outline> local = outlines(master, x_master);
-    std::vector<Box> boxes(local.size());
-    std::ranges::transform(local, boxes.begin(), [&](const Outline& o)
-                           { return grown(o.box, reach(o)); });
-    near = collect(box, master, x_master, boxes);
-  }
-
-  // Master facets by their blocks
-  auto nodes = [&](std::int32_t f)
-  {
-    return std::span(near.nodes)
-        .subspan(near.offsets[f], near.offsets[f + 1] - near.offsets[f]);
-  };
-  std::vector<std::int32_t> order(near.facets.size());
+  std::vector<std::int32_t> order(list.facets.size());
   std::iota(order.begin(), order.end(), 0);
   std::ranges::sort(order,
                     [&](std::int32_t a, std::int32_t b)
                     {
                       return std::ranges::lexicographical_compare(
-                          nodes(a), nodes(b), {}, &Node::block, &Node::block);
+                          list.nodes_of(a), list.nodes_of(b), {}, &Node::block,
+                          &Node::block);
                     });
+  return order;
+}
 
-  std::vector<Outline> masters;
-  std::vector<Box> boxes;
-  masters.reserve(order.size());
-  boxes.reserve(order.size());
+/// Outlines of some facets of a list.
+std::vector<Outline> outlines(const Facets& list,
+                              std::span<const std::int32_t> which)
+{
+  std::vector<Outline> o;
+  o.reserve(which.size());
   std::array<Vector, max_facet_nodes> points;
-  for (std::int32_t f : order)
+  for (std::int32_t f : which)
   {
-    std::ranges::transform(nodes(f), points.begin(), &Node::x);
-    masters.push_back(outline(near.facets[f].type, near.facets[f].orientation,
-                              std::span(points).first(nodes(f).size())));
-    boxes.push_back(grown(masters.back().box, reach(masters.back())));
+    const std::span<const Node> nodes = list.nodes_of(f);
+    std::ranges::transform(nodes, points.begin(), &Node::x);
+    o.push_back(outline(list.facets[f].type, list.facets[f].orientation,
+                        std::span(points).first(nodes.size())));
+  }
+  return o;
+}
+
+/// How far apart facets may be. Without a given distance it is that of a pair,
+/// max(d_slave, d_master): boxes grown by their own facet's diameter meet in
+/// every such pair, and in some more.
+struct Reach
+{
+  std::optional<double> distance; ///< times the factor, where it is given
+  double factor;
+
+  double of_pair(const Outline& s, const Outline& m) const
+  {
+    return distance.value_or(factor * std::max(s.diameter, m.diameter));
   }
 
-  Candidates candidates;
+  double of_facet(const Outline& o) const
+  {
+    return distance ? 0 : factor * o.diameter;
+  }
+
+  Box around_slave(const Outline& o) const
+  {
+    return grown(o.box, of_facet(o) + distance.value_or(0));
+  }
+
+  std::vector<Box> around_masters(std::span<const Outline> list) const
+  {
+    std::vector<Box> boxes(list.size());
+    std::ranges::transform(list, boxes.begin(), [&](const Outline& o)
+                           { return grown(o.box, of_facet(o)); });
+    return boxes;
+  }
+};
+
+/// Masters of each slave facet, as pairs of offsets and ascending indices.
+void find_pairs(std::span<const Outline> slaves,
+                std::span<const Outline> masters, const Reach& reach,
+                Candidates& candidates)
+{
   candidates.offsets.reserve(slaves.size() + 1);
   candidates.offsets.push_back(0);
   std::vector<std::int32_t>& pairs = candidates.facets;
-  const BoxTree tree = create_tree(boxes);
+  const BoxTree tree = create_tree(reach.around_masters(masters));
   for (const Outline& s : slaves)
   {
-    query(tree, grown(s.box, reach(s) + extra),
+    query(tree, reach.around_slave(s),
           [&](std::int32_t m)
           {
-            const double d = distance.value_or(
-                factor * std::max(s.diameter, masters[m].diameter));
+            const double d = reach.of_pair(s, masters[m]);
             if (meet(grown(s.box, d), masters[m].box) and oppose(s, masters[m]))
               pairs.push_back(m);
           });
     std::sort(pairs.begin() + candidates.offsets.back(), pairs.end());
     candidates.offsets.push_back(pairs.size());
   }
+}
 
-  // Keep the masters that are in a pair
+/// Let the candidates have the masters that are in a pair, and refer to these.
+/// @param[in] order Facets of `near` that the pairs refer to.
+void keep_paired(const Facets& near, std::span<const std::int32_t> order,
+                 Candidates& candidates)
+{
   std::vector<std::int32_t> index(order.size(), -1);
-  for (std::int32_t m : pairs)
+  for (std::int32_t m : candidates.facets)
     index[m] = 0;
   FacetList& list = candidates.master;
   for (std::size_t m = 0; m < order.size(); ++m)
@@ -331,15 +329,59 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
     const Facet& facet = near.facets[order[m]];
     list.types.push_back(facet.type);
     list.orientation.push_back(facet.orientation);
-    for (const Node& node : nodes(order[m]))
+    for (const Node& node : near.nodes_of(order[m]))
     {
       list.blocks.push_back(node.block);
       list.x.insert(list.x.end(), node.x.begin(), node.x.end());
     }
     list.offsets.push_back(list.blocks.size());
   }
-  for (std::int32_t& m : pairs)
+  for (std::int32_t& m : candidates.facets)
     m = index[m];
+}
+
+/// What is wrong with positions, else nothing.
+std::string check_positions(const Surface& s, std::span<const double> x)
+{
+  if (x.size() != 3 * s.numbers.size())
+    return "Positions need three values for each node of a surface.";
+  if (!std::ranges::all_of(x, [](double v)
+                           { return std::abs(v) <= largest_position; }))
+  {
+    return "The position of a surface node is not finite (NaN, infinite or "
+           "beyond 1e75): the solver has diverged.";
+  }
+  return "";
+}
+} // namespace
+
+//-----------------------------------------------------------------------------
+Candidates dolfinx_mortar::find_candidates(const Surface& slave,
+                                           std::span<const double> x_slave,
+                                           const Surface& master,
+                                           std::span<const double> x_master,
+                                           std::optional<double> distance,
+                                           double factor)
+{
+  std::string message = check_positions(slave, x_slave);
+  if (message.empty())
+    message = check_positions(master, x_master);
+  if (distance and !(*distance > 0 and std::isfinite(*distance)))
+    message = "The search distance must be a positive length.";
+  throw_on_all(slave.comm, message);
+
+  const Reach reach
+      = {distance ? std::optional(*distance * factor) : std::nullopt, factor};
+  const std::vector<Outline> slaves = outlines(slave, x_slave);
+  Box wanted;
+  for (const Outline& o : slaves)
+    add(wanted, reach.around_slave(o));
+  const Facets near = collect(wanted, master, x_master,
+                              reach.around_masters(outlines(master, x_master)));
+
+  const std::vector<std::int32_t> order = order_by_blocks(near);
+  Candidates candidates;
+  find_pairs(slaves, outlines(near, order), reach, candidates);
+  keep_paired(near, order, candidates);
   return candidates;
 }
-//-----------------------------------------------------------------------------

@@ -2,12 +2,13 @@
 // SPDX-License-Identifier: MIT
 
 #include "surface.h"
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <dolfinx_mortar/common/error.h>
 #include <dolfinx_mortar/common/mpi_exchange.h>
-#include <stdexcept>
+#include <dolfinx_mortar/common/sorted.h>
+#include <numeric>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -16,131 +17,191 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-using Vector = Eigen::Vector3d;
-
-/// Row of a list of positions, normals or the like.
-Vector row(std::span<const double> x, std::int32_t i)
+/// Local blocks of a function space, those that this rank owns first.
+struct SpaceBlocks
 {
-  return Eigen::Map<const Vector>(x.data() + 3 * i);
-}
-/// Derivatives of the shape functions at the nodes, `[node][direction][k]`
-using NodeDerivatives
-    = std::array<std::array<std::array<double, max_facet_nodes>, 2>,
-                 max_facet_nodes>;
+  std::span<const std::int64_t> numbers;
+  std::int32_t num_owned;
+  std::span<const int> ghost_owners;
+  std::span<const double> X;
 
-const NodeDerivatives& node_derivatives(FacetType type)
-{
-  static const std::array<NodeDerivatives, 5> tables = []
+  std::int32_t size() const { return numbers.size(); }
+  int owner(std::int32_t ghost) const
   {
-    std::array<NodeDerivatives, 5> t = {};
-    for (int i = 0; i < 5; ++i)
+    return ghost_owners[ghost - num_owned];
+  }
+};
+
+/// What is wrong with the arrays that a surface is made of, else nothing.
+std::string check_arrays(MPI_Comm comm, std::span<const FacetType> types,
+                         std::span<const std::int8_t> orientation,
+                         std::span<const std::int32_t> facet_blocks,
+                         const SpaceBlocks& blocks)
+{
+  int rank, num_ranks;
+  MPI_Comm_rank(comm, &rank);
+  MPI_Comm_size(comm, &num_ranks);
+  std::size_t num_facet_nodes = 0;
+  for (FacetType type : types)
+  {
+    const int t = static_cast<int>(type);
+    if (t < 0 or t >= num_facet_types)
+      return "There is no facet type " + std::to_string(t) + ".";
+    num_facet_nodes += num_nodes(type);
+  }
+  const std::int32_t size = blocks.size();
+  if (num_facet_nodes != facet_blocks.size()
+      or orientation.size() != types.size() or blocks.num_owned < 0
+      or blocks.num_owned > size
+      or blocks.ghost_owners.size()
+             != static_cast<std::size_t>(size - blocks.num_owned)
+      or blocks.X.size() != 3 * static_cast<std::size_t>(size))
+  {
+    return "The arrays that describe a surface do not fit together: check "
+           "their lengths.";
+  }
+  if (std::ranges::any_of(orientation, [](int o) { return std::abs(o) != 1; }))
+    return "The orientation of a facet is +1 or -1.";
+  if (std::ranges::any_of(facet_blocks,
+                          [=](auto b) { return b < 0 or b >= size; }))
+  {
+    return "A facet refers to a block that its function space does not have.";
+  }
+  if (std::ranges::any_of(blocks.ghost_owners, [=](int r)
+                          { return r < 0 or r >= num_ranks or r == rank; }))
+  {
+    return "A ghost block is owned by another rank of the communicator.";
+  }
+  if (!std::ranges::is_sorted(blocks.numbers.first(blocks.num_owned)))
+    return "The numbers of the blocks that a rank owns must ascend.";
+  return "";
+}
+
+/// Blocks that become nodes of a surface, each once.
+struct NodeBlocks
+{
+  std::vector<std::int32_t> owned;  // ascending
+  std::vector<std::int32_t> ghosts; // by owner, then by number
+};
+
+/// Blocks that the facets of this rank touch.
+NodeBlocks touched_blocks(std::span<const std::int32_t> facet_blocks,
+                          const SpaceBlocks& blocks)
+{
+  NodeBlocks touched;
+  touched.owned.assign(facet_blocks.begin(), facet_blocks.end());
+  sort_unique(touched.owned);
+  const auto split = std::ranges::lower_bound(touched.owned, blocks.num_owned);
+  touched.ghosts.assign(split, touched.owned.end());
+  touched.owned.erase(split, touched.owned.end());
+  std::ranges::sort(touched.ghosts, {}, [&](std::int32_t b)
+                    { return std::tuple(blocks.owner(b), blocks.numbers[b]); });
+  return touched;
+}
+
+/// Numbers of ghosts, for their owners.
+RankData<std::int64_t> numbers_for_owners(std::span<const std::int32_t> ghosts,
+                                          const SpaceBlocks& blocks)
+{
+  RankData<std::int64_t> data;
+  for (std::int32_t block : ghosts)
+  {
+    if (data.ranks.empty() or data.ranks.back() != blocks.owner(block))
     {
-      const FacetType type = static_cast<FacetType>(i);
-      std::span<const double> xi = node_coordinates(type);
-      for (int k = 0; k < num_nodes(type); ++k)
-      {
-        Shapes s = {};
-        tabulate(type, {xi[2 * k], xi[2 * k + 1]}, 1, s);
-        t[i][k] = s.dN;
-      }
+      data.ranks.push_back(blocks.owner(block));
+      data.offsets.push_back(data.offsets.back());
     }
-    return t;
-  }();
-  return tables[static_cast<int>(type)];
+    data.values.push_back(blocks.numbers[block]);
+    ++data.offsets.back();
+  }
+  return data;
 }
 
-/// Tangents x,ξ₁ and x,ξ₂ of a facet at one of its nodes.
-std::array<Vector, 2>
-tangents(std::span<const std::int32_t> nodes, std::span<const double> x,
-         const std::array<std::array<double, max_facet_nodes>, 2>& dN)
+/// Blocks of this rank that have some numbers. Collective.
+std::vector<std::int32_t> owned_blocks(MPI_Comm comm,
+                                       std::span<const std::int64_t> numbers,
+                                       const SpaceBlocks& blocks)
 {
-  std::array<Vector, 2> t = {Vector::Zero(), Vector::Zero()};
-  for (std::size_t l = 0; l < nodes.size(); ++l)
-    for (int i = 0; i < 2; ++i)
-      t[i] += dN[i][l] * row(x, nodes[l]);
-  return t;
+  std::string message;
+  std::vector<std::int32_t> found;
+  found.reserve(numbers.size());
+  const auto owned = blocks.numbers.first(blocks.num_owned);
+  for (std::int64_t number : numbers)
+  {
+    const auto it = std::ranges::lower_bound(owned, number);
+    if (it == owned.end() or *it != number)
+    {
+      message = "Block " + std::to_string(number)
+                + " is not owned by the rank that is said to own it.";
+    }
+    found.push_back(std::distance(owned.begin(), it));
+  }
+  throw_on_all(comm, message);
+  return found;
 }
 
-/// Areas |x,ξ₁ × x,ξ₂| up to this part of the squared size of a facet are none.
-constexpr double no_area = 1e-12;
-
-/// Square of the largest distance of a node from the first.
-double squared_size(std::span<const std::int32_t> nodes,
-                    std::span<const double> x)
+/// One side of the exchange plan of a surface: nodes whose values this rank
+/// shares with others.
+struct SharedNodes
 {
-  double size = 0;
-  for (std::int32_t n : nodes)
-    size = std::max(size, (row(x, n) - row(x, nodes[0])).squaredNorm());
-  return size;
-}
+  std::span<const int> ranks;
+  std::span<const std::int32_t> offsets, nodes;
+};
 
-std::string no_area_message(FacetType type, std::span<const std::int32_t> nodes,
-                            std::size_t k, std::span<const double> x,
-                            const std::string& name)
+SharedNodes owned_nodes(const Surface& s)
 {
-  const int n = num_corners(type);
-  Vector midpoint = Vector::Zero();
-  for (int l = 0; l < n; ++l)
-    midpoint += row(x, nodes[l]) / n;
-  return "The facet of the " + name + " with midpoint "
-         + to_string(std::span<const double, 3>(midpoint.data(), 3))
-         + " has no area at its node "
-         + to_string(x.subspan(3 * nodes[k]).first<3>())
-         + ": look for collapsed cells in the mesh, or for a step that "
-           "diverged.";
+  return {s.ghost_ranks, s.send_offsets, s.send_nodes};
 }
 
-/// Exchange values along the plan of a surface: send those of `send_nodes` to
-/// `dest`, receive those of `recv_nodes` from `source`.
+SharedNodes ghost_nodes(const Surface& s)
+{
+  return {s.owner_ranks, s.recv_offsets, s.recv_nodes};
+}
+
+/// Exchange values along the plan of a surface.
+/// @param[in] from Nodes whose values this rank sends.
+/// @param[in] to Nodes whose values it gets.
+/// @return Values of the latter.
 template <typename T>
 std::vector<T> exchange_values(MPI_Comm comm, std::span<const T> values, int bs,
-                               std::span<const int> dest,
-                               std::span<const std::int32_t> send_offsets,
-                               std::span<const std::int32_t> send_nodes,
-                               std::span<const int> source,
-                               std::span<const std::int32_t> recv_offsets)
+                               const SharedNodes& from, const SharedNodes& to)
 {
   constexpr int tag = static_cast<int>(Tag::scatter);
-  std::vector<T> send(bs * send_nodes.size());
-  for (std::size_t i = 0; i < send_nodes.size(); ++i)
-    std::copy_n(values.data() + bs * send_nodes[i], bs, send.data() + bs * i);
-  std::vector<T> recv(bs * recv_offsets.back());
+  std::vector<T> send(bs * from.nodes.size());
+  for (std::size_t i = 0; i < from.nodes.size(); ++i)
+    std::copy_n(values.data() + bs * from.nodes[i], bs, send.data() + bs * i);
+  std::vector<T> recv(bs * to.nodes.size());
 
   // Point-to-point messages need no communicator of the surface's own, which
   // somebody would have to free collectively
   const int size = bs * sizeof(T);
-  std::vector<MPI_Request> requests(source.size() + dest.size());
-  for (std::size_t i = 0; i < source.size(); ++i)
+  std::vector<MPI_Request> requests(to.ranks.size() + from.ranks.size());
+  for (std::size_t i = 0; i < to.ranks.size(); ++i)
   {
-    MPI_Irecv(recv.data() + bs * recv_offsets[i],
-              size * (recv_offsets[i + 1] - recv_offsets[i]), MPI_BYTE,
-              source[i], tag, comm, &requests[i]);
+    MPI_Irecv(recv.data() + bs * to.offsets[i],
+              size * (to.offsets[i + 1] - to.offsets[i]), MPI_BYTE, to.ranks[i],
+              tag, comm, &requests[i]);
   }
-  for (std::size_t i = 0; i < dest.size(); ++i)
+  for (std::size_t i = 0; i < from.ranks.size(); ++i)
   {
-    MPI_Isend(send.data() + bs * send_offsets[i],
-              size * (send_offsets[i + 1] - send_offsets[i]), MPI_BYTE, dest[i],
-              tag, comm, &requests[source.size() + i]);
+    MPI_Isend(send.data() + bs * from.offsets[i],
+              size * (from.offsets[i + 1] - from.offsets[i]), MPI_BYTE,
+              from.ranks[i], tag, comm, &requests[to.ranks.size() + i]);
   }
   MPI_Waitall(requests.size(), requests.data(), MPI_STATUSES_IGNORE);
   return recv;
 }
 
-/// The projection that drops the fixed components of a node, as three factors
-/// 0 or 1. Where the normal kept a fixed component nothing was dropped.
-Vector dropped(std::span<const std::int8_t> fixed, std::span<const double> n,
-               std::int32_t node)
+/// Refuse values that are not one row for each local node: a rank that refused
+/// them alone would leave its neighbours waiting for them. Collective.
+void check_values(const Surface& s, std::size_t num_values, int bs)
 {
-  if (fixed.empty())
-    return Vector::Ones();
-  Vector keep;
-  for (int c = 0; c < 3; ++c)
-  {
-    keep[c] = fixed[3 * node + c] ? 0 : 1;
-    if (fixed[3 * node + c] and n[3 * node + c] != 0)
-      return Vector::Ones();
-  }
-  return keep;
+  const bool fits
+      = num_values == static_cast<std::size_t>(bs) * s.numbers.size();
+  throw_on_all(s.comm,
+               fits ? ""
+                    : "Nodal values of a surface need one row for each local "
+                      "node, owned or ghost.");
 }
 } // namespace
 
@@ -152,6 +213,10 @@ Surface dolfinx_mortar::create_surface(
     std::span<const std::int64_t> block_numbers, std::int32_t num_owned_blocks,
     std::span<const int> block_owners, std::span<const double> X)
 {
+  const SpaceBlocks blocks = {block_numbers, num_owned_blocks, block_owners, X};
+  throw_on_all(comm,
+               check_arrays(comm, types, orientation, facet_blocks, blocks));
+
   Surface s;
   s.comm = comm;
   s.types = std::move(types);
@@ -160,144 +225,68 @@ Surface dolfinx_mortar::create_surface(
   for (FacetType type : s.types)
     s.offsets.push_back(s.offsets.back() + num_nodes(type));
 
-  const std::int32_t num_blocks = block_numbers.size();
-  std::string message;
-  if (static_cast<std::size_t>(s.offsets.back()) != facet_blocks.size()
-      or s.orientation.size() != s.types.size() or num_owned_blocks < 0
-      or num_owned_blocks > num_blocks
-      or block_owners.size()
-             != static_cast<std::size_t>(num_blocks - num_owned_blocks)
-      or X.size() != 3 * static_cast<std::size_t>(num_blocks))
-  {
-    message = "The arrays that describe a surface do not fit together: check "
-              "their lengths.";
-  }
-  else if (std::ranges::any_of(facet_blocks, [=](auto b)
-                               { return b < 0 or b >= num_blocks; }))
-  {
-    message = "A facet refers to a block that its function space does not "
-              "have.";
-  }
-  else if (!std::ranges::is_sorted(block_numbers.first(num_owned_blocks)))
-  {
-    message = "The numbers of the blocks that a rank owns must ascend.";
-  }
-  throw_on_all(comm, message);
+  // Owned nodes are those of this rank's facets, and those that others ask for
+  NodeBlocks nodes = touched_blocks(facet_blocks, blocks);
+  const RankData<std::int64_t> wanted
+      = numbers_for_owners(nodes.ghosts, blocks);
+  const RankData<std::int64_t> asked = exchange(comm, wanted);
+  const std::vector<std::int32_t> shared
+      = owned_blocks(comm, asked.values, blocks);
+  nodes.owned.insert(nodes.owned.end(), shared.begin(), shared.end());
+  sort_unique(nodes.owned);
 
-  // Local blocks that the facets touch; ghosts by owner, then by number
-  std::vector<std::int32_t> owned(facet_blocks.begin(), facet_blocks.end());
-  std::ranges::sort(owned);
-  owned.erase(std::ranges::unique(owned).begin(), owned.end());
-  const auto split = std::ranges::lower_bound(owned, num_owned_blocks);
-  std::vector<std::int32_t> ghosts(split, owned.end());
-  owned.erase(split, owned.end());
-  auto owner = [&](std::int32_t block)
-  { return block_owners[block - num_owned_blocks]; };
-  std::ranges::sort(ghosts, {}, [&](std::int32_t b)
-                    { return std::tuple(owner(b), block_numbers[b]); });
-
-  // Tell the owners of the ghosts
-  RankData<std::int64_t> ghost_data;
-  for (std::int32_t block : ghosts)
-  {
-    if (ghost_data.ranks.empty() or ghost_data.ranks.back() != owner(block))
-    {
-      ghost_data.ranks.push_back(owner(block));
-      ghost_data.offsets.push_back(ghost_data.offsets.back());
-    }
-    ghost_data.values.push_back(block_numbers[block]);
-    ++ghost_data.offsets.back();
-  }
-  const RankData<std::int64_t> requests = exchange(comm, ghost_data);
-
-  // Owned nodes: those of this rank's facets and those asked for
-  std::vector<std::int32_t> requested;
-  requested.reserve(requests.values.size());
-  auto owned_numbers = block_numbers.first(num_owned_blocks);
-  for (std::int64_t number : requests.values)
-  {
-    auto it = std::ranges::lower_bound(owned_numbers, number);
-    if (it == owned_numbers.end() or *it != number)
-    {
-      message = "Block " + std::to_string(number)
-                + " is not owned by the rank that is said to own it.";
-    }
-    requested.push_back(std::distance(owned_numbers.begin(), it));
-  }
-  throw_on_all(comm, message);
-  owned.insert(owned.end(), requested.begin(), requested.end());
-  std::ranges::sort(owned);
-  owned.erase(std::ranges::unique(owned).begin(), owned.end());
-
-  s.num_owned = owned.size();
-  const std::int64_t n = s.num_owned;
-  MPI_Exscan(&n, &s.first_owned, 1, MPI_INT64_T, MPI_SUM, comm);
-  MPI_Allreduce(&n, &s.num_global, 1, MPI_INT64_T, MPI_SUM, comm);
-  int rank;
-  MPI_Comm_rank(comm, &rank);
-  if (rank == 0)
-    s.first_owned = 0;
-
-  // Exchange plan
-  s.owner_ranks = ghost_data.ranks;
-  s.recv_offsets = ghost_data.offsets;
-  s.recv_nodes.resize(ghosts.size());
-  for (std::size_t i = 0; i < ghosts.size(); ++i)
-    s.recv_nodes[i] = s.num_owned + i;
-  s.ghost_ranks = requests.ranks;
-  s.send_offsets = requests.offsets;
-  auto owned_node = [&](std::int32_t block) -> std::int32_t
-  {
-    return std::distance(owned.begin(), std::ranges::lower_bound(owned, block));
-  };
-  s.send_nodes.resize(requested.size());
-  std::ranges::transform(requested, s.send_nodes.begin(), owned_node);
-
-  // Data of nodes
-  s.local_blocks = owned;
-  s.local_blocks.insert(s.local_blocks.end(), ghosts.begin(), ghosts.end());
-  s.numbers.resize(s.local_blocks.size());
-  s.blocks.resize(s.local_blocks.size());
-  s.X.resize(3 * s.local_blocks.size());
+  s.num_owned = nodes.owned.size();
+  s.local_blocks = std::move(nodes.owned);
+  s.local_blocks.insert(s.local_blocks.end(), nodes.ghosts.begin(),
+                        nodes.ghosts.end());
+  std::vector<std::int32_t> node_of_block(blocks.size(), -1);
   for (std::size_t i = 0; i < s.local_blocks.size(); ++i)
   {
-    s.numbers[i] = s.first_owned + i;
-    s.blocks[i] = block_numbers[s.local_blocks[i]];
-    std::copy_n(X.data() + 3 * s.local_blocks[i], 3, s.X.data() + 3 * i);
+    const std::int32_t block = s.local_blocks[i];
+    node_of_block[block] = i;
+    s.blocks.push_back(blocks.numbers[block]);
+    s.X.insert(s.X.end(), X.begin() + 3 * block, X.begin() + 3 * block + 3);
   }
-  scatter_forward(s, std::span(s.numbers), 1);
+  auto node = [&](std::int32_t block) { return node_of_block[block]; };
+  s.nodes.resize(facet_blocks.size());
+  std::ranges::transform(facet_blocks, s.nodes.begin(), node);
+
+  s.owner_ranks = wanted.ranks;
+  s.recv_offsets = wanted.offsets;
+  s.recv_nodes.resize(nodes.ghosts.size());
+  std::iota(s.recv_nodes.begin(), s.recv_nodes.end(), s.num_owned);
+  s.ghost_ranks = asked.ranks;
+  s.send_offsets = asked.offsets;
+  s.send_nodes.resize(shared.size());
+  std::ranges::transform(shared, s.send_nodes.begin(), node);
+
+  number_nodes(s);
   // Cells of different ranks agree on X up to round-off only
   scatter_forward(s, std::span(s.X), 3);
-
-  // Nodes of facets
-  std::vector<std::pair<std::int32_t, std::int32_t>> ghost_nodes(ghosts.size());
-  for (std::size_t i = 0; i < ghosts.size(); ++i)
-    ghost_nodes[i] = {ghosts[i], s.num_owned + i};
-  std::ranges::sort(ghost_nodes);
-  s.nodes.resize(facet_blocks.size());
-  std::ranges::transform(
-      facet_blocks, s.nodes.begin(),
-      [&](std::int32_t block)
-      {
-        return block < num_owned_blocks
-                   ? owned_node(block)
-                   : std::ranges::lower_bound(
-                         ghost_nodes, block, {},
-                         &std::pair<std::int32_t, std::int32_t>::first)
-                         ->second;
-      });
   return s;
+}
+//-----------------------------------------------------------------------------
+void dolfinx_mortar::number_nodes(Surface& s)
+{
+  int rank;
+  MPI_Comm_rank(s.comm, &rank);
+  const std::int64_t n = s.num_owned;
+  MPI_Exscan(&n, &s.first_owned, 1, MPI_INT64_T, MPI_SUM, s.comm);
+  MPI_Allreduce(&n, &s.num_global, 1, MPI_INT64_T, MPI_SUM, s.comm);
+  if (rank == 0)
+    s.first_owned = 0;
+  s.numbers.resize(s.num_owned + s.recv_nodes.size());
+  std::iota(s.numbers.begin(), s.numbers.end(), s.first_owned);
+  scatter_forward(s, std::span(s.numbers), 1);
 }
 //-----------------------------------------------------------------------------
 template <typename T>
 void dolfinx_mortar::scatter_forward(const Surface& s, std::span<T> values,
                                      int bs)
 {
-  if (values.size() != static_cast<std::size_t>(bs) * s.numbers.size())
-    throw std::runtime_error("Wrong number of nodal values.");
-  std::vector<T> recv
-      = exchange_values<T>(s.comm, values, bs, s.ghost_ranks, s.send_offsets,
-                           s.send_nodes, s.owner_ranks, s.recv_offsets);
+  check_values(s, values.size(), bs);
+  const std::vector<T> recv
+      = exchange_values<T>(s.comm, values, bs, owned_nodes(s), ghost_nodes(s));
   for (std::size_t i = 0; i < s.recv_nodes.size(); ++i)
     std::copy_n(recv.data() + bs * i, bs, values.data() + bs * s.recv_nodes[i]);
 }
@@ -306,11 +295,9 @@ template <typename T>
 void dolfinx_mortar::scatter_reverse_add(const Surface& s, std::span<T> values,
                                          int bs)
 {
-  if (values.size() != static_cast<std::size_t>(bs) * s.numbers.size())
-    throw std::runtime_error("Wrong number of nodal values.");
-  std::vector<T> recv
-      = exchange_values<T>(s.comm, values, bs, s.owner_ranks, s.recv_offsets,
-                           s.recv_nodes, s.ghost_ranks, s.send_offsets);
+  check_values(s, values.size(), bs);
+  const std::vector<T> recv
+      = exchange_values<T>(s.comm, values, bs, ghost_nodes(s), owned_nodes(s));
   for (std::size_t i = 0; i < s.send_nodes.size(); ++i)
     for (int c = 0; c < bs; ++c)
       values[bs * s.send_nodes[i] + c] += recv[bs * i + c];
@@ -360,153 +347,3 @@ std::vector<double> dolfinx_mortar::current_positions(const Surface& s,
   throw_on_all(s.comm, message);
   return x;
 }
-//-----------------------------------------------------------------------------
-void dolfinx_mortar::check_areas(const Surface& s, std::span<const double> x,
-                                 const std::string& name)
-{
-  std::string message;
-  for (std::size_t f = 0; f < s.types.size(); ++f)
-  {
-    std::span<const std::int32_t> nodes = facet_nodes(s, f);
-    const NodeDerivatives& dN = node_derivatives(s.types[f]);
-    const double tol = no_area * squared_size(nodes, x);
-    for (std::size_t k = 0; k < nodes.size(); ++k)
-    {
-      auto [t0, t1] = tangents(nodes, x, dN[k]);
-      // Not ≤, which is false for NaN
-      if (!(t0.cross(t1).norm() > tol))
-        message = no_area_message(s.types[f], nodes, k, x, name);
-    }
-  }
-  throw_on_all(s.comm, message);
-}
-//-----------------------------------------------------------------------------
-void dolfinx_mortar::facet_normals(const Surface& s, std::span<const double> x,
-                                   std::int32_t f, std::span<double> n)
-{
-  std::span<const std::int32_t> nodes = facet_nodes(s, f);
-  const NodeDerivatives& dN = node_derivatives(s.types[f]);
-  const double tol = no_area * squared_size(nodes, x);
-  for (std::size_t k = 0; k < nodes.size(); ++k)
-  {
-    auto [t0, t1] = tangents(nodes, x, dN[k]);
-    const Vector c = t0.cross(t1);
-    const double length = c.norm();
-    Eigen::Map<Vector> nk(n.data() + 3 * k);
-    if (length > tol)
-      nk = s.orientation[f] * c / length;
-    else
-      nk.setZero();
-  }
-}
-//-----------------------------------------------------------------------------
-Normals dolfinx_mortar::compute_normals(const Surface& s,
-                                        std::span<const double> x,
-                                        std::span<const std::int8_t> fixed)
-{
-  const std::int32_t n = num_local_nodes(s);
-  std::string message;
-  if (x.size() != 3 * s.numbers.size()
-      or (!fixed.empty() and fixed.size() != x.size()))
-  {
-    message = "Positions and fixed components need three values for each node "
-              "of the surface.";
-    throw_on_all(s.comm, message);
-  }
-
-  Normals normals;
-  normals.n.resize(3 * n);
-  normals.length.resize(n);
-  for (std::size_t f = 0; f < s.types.size(); ++f)
-  {
-    std::span<const std::int32_t> nodes = facet_nodes(s, f);
-    const NodeDerivatives& dN = node_derivatives(s.types[f]);
-    const double tol = no_area * squared_size(nodes, x);
-    for (std::size_t k = 0; k < nodes.size(); ++k)
-    {
-      auto [t0, t1] = tangents(nodes, x, dN[k]);
-      const Vector c = t0.cross(t1);
-      const double length = c.norm();
-      // Not ≤, which is false for NaN
-      if (!(length > tol))
-      {
-        message = no_area_message(s.types[f], nodes, k, x, "surface");
-        continue;
-      }
-      Eigen::Map<Vector>(normals.n.data() + 3 * nodes[k])
-          += s.orientation[f] * c / length;
-    }
-  }
-  throw_on_all(s.comm, message);
-  scatter_reverse_add(s, std::span(normals.n), 3);
-
-  for (std::int32_t k = 0; k < s.num_owned; ++k)
-  {
-    Eigen::Map<Vector> n(normals.n.data() + 3 * k);
-    double length = n.norm();
-    if (!(length > 1e-8) and message.empty())
-    {
-      message = "The normals of the facets that meet at the surface node "
-                + to_string(x.subspan(3 * k).first<3>())
-                + " (current position) cancel: facets there are folded back, "
-                  "or both sides of a thin body are in one surface.";
-    }
-    if (!fixed.empty())
-    {
-      Vector kept;
-      for (int c = 0; c < 3; ++c)
-        kept[c] = fixed[3 * k + c] ? 0 : n[c];
-      if (kept.norm() > 0.1 * length)
-      {
-        n = kept;
-        length = kept.norm();
-      }
-    }
-    n /= length;
-    normals.length[k] = length;
-  }
-  throw_on_all(s.comm, message);
-
-  scatter_forward(s, std::span(normals.n), 3);
-  scatter_forward(s, std::span(normals.length), 1);
-  return normals;
-}
-//-----------------------------------------------------------------------------
-void dolfinx_mortar::normal_derivative(const Surface& s,
-                                       std::span<const double> x,
-                                       std::span<const std::int8_t> fixed,
-                                       const Normals& normals, std::int32_t f,
-                                       std::span<double> dn)
-{
-  std::span<const std::int32_t> nodes = facet_nodes(s, f);
-  const std::size_t num = nodes.size();
-  const NodeDerivatives& dN = node_derivatives(s.types[f]);
-  for (std::size_t k = 0; k < num; ++k)
-  {
-    // n = P s / |P s|, s = Σ m, m = c / |c|, c = ± t₀ × t₁: Q = ∂n/∂c of this
-    // facet is (I - n nᵀ) / |P s| · P · (I - m mᵀ) / |c|
-    auto [t0, t1] = tangents(nodes, x, dN[k]);
-    const Vector c = t0.cross(t1);
-    const double length = c.norm();
-    const Vector m = s.orientation[f] * c / length,
-                 n = row(normals.n, nodes[k]);
-    const Vector keep = dropped(fixed, normals.n, nodes[k]);
-    const double scale = s.orientation[f] / (length * normals.length[nodes[k]]);
-    const Eigen::Matrix3d I = Eigen::Matrix3d::Identity(),
-                          P = keep.asDiagonal();
-    const Eigen::Matrix3d Q
-        = scale * (I - n * n.transpose()) * P * (I - m * m.transpose());
-
-    // Row i of Q times dc = dN₀ (dx × t₁) + dN₁ (t₀ × dx) is
-    // (dN₀ t₁ × q - dN₁ t₀ × q) · dx
-    for (int i = 0; i < 3; ++i)
-    {
-      const Vector q = Q.row(i), a = t1.cross(q), b = t0.cross(q);
-      double* out = dn.data() + (3 * k + i) * 3 * num;
-      for (std::size_t l = 0; l < num; ++l)
-        for (int c = 0; c < 3; ++c)
-          out[3 * l + c] = dN[k][0][l] * a[c] - dN[k][1][l] * b[c];
-    }
-  }
-}
-//-----------------------------------------------------------------------------

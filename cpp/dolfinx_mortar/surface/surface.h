@@ -107,7 +107,7 @@ inline std::span<const std::int32_t> facet_nodes(const Surface& s,
 /// `num_owned_blocks` on).
 /// @param[in] X Reference position of each local block, shape (n, 3).
 /// @throw std::runtime_error On all ranks, where the arrays do not fit
-/// together.
+/// together or have wrong entries.
 Surface create_surface(MPI_Comm comm, std::vector<FacetType> types,
                        std::span<const std::int32_t> facet_blocks,
                        std::vector<std::int8_t> orientation,
@@ -116,10 +116,17 @@ Surface create_surface(MPI_Comm comm, std::vector<FacetType> types,
                        std::span<const int> block_owners,
                        std::span<const double> X);
 
+/// @brief Number the nodes of all ranks, rank after rank. Collective.
+/// @param[in,out] s Surface that has its `num_owned` and its exchange plan; its
+/// `first_owned`, `num_global` and `numbers` are set.
+void number_nodes(Surface& s);
+
 /// @brief Copy the values of owned nodes to their ghosts. Collective.
 /// @param[in] s Surface.
 /// @param[in,out] values Shape (num_local_nodes, bs).
-/// @param[in] bs Number of values of a node.
+/// @param[in] bs Number of values of a node, the same on all ranks.
+/// @throw std::runtime_error On all ranks, where there are more or fewer values
+/// than these.
 template <typename T>
 void scatter_forward(const Surface& s, std::span<T> values, int bs);
 
@@ -127,7 +134,8 @@ void scatter_forward(const Surface& s, std::span<T> values, int bs);
 /// values are left unchanged). Collective.
 /// @param[in] s Surface.
 /// @param[in,out] values Shape (num_local_nodes, bs).
-/// @param[in] bs Number of values of a node.
+/// @param[in] bs Number of values of a node, the same on all ranks.
+/// @throw std::runtime_error As above.
 template <typename T>
 void scatter_reverse_add(const Surface& s, std::span<T> values, int bs);
 
@@ -145,7 +153,8 @@ std::vector<double> current_positions(const Surface& s,
 /// @param[in] s Surface.
 /// @param[in] x Position of each local node, shape (n, 3).
 /// @param[in] name What to call the surface in a message.
-/// @throw std::runtime_error On all ranks, where a facet has none.
+/// @throw std::runtime_error On all ranks, where a facet has none or x is of
+/// the wrong size.
 void check_areas(const Surface& s, std::span<const double> x,
                  const std::string& name = "surface");
 
@@ -185,7 +194,7 @@ struct Normals
 /// (non-zero: the displacement component of the node is prescribed), shape
 /// (num_local_nodes, 3) with ghosts up to date, or empty.
 /// @throw std::runtime_error On all ranks, where a facet has no area at a
-/// node or the sum vanishes.
+/// node, the sum vanishes, or an array is of the wrong size.
 Normals compute_normals(const Surface& s, std::span<const double> x,
                         std::span<const std::int8_t> fixed);
 
