@@ -60,6 +60,22 @@ auto as_array(std::vector<T>&& x, std::initializer_list<std::size_t> shape)
   return nanobind::ndarray<T, nanobind::numpy>(data->data(), shape, owner);
 }
 
+/// The same, with one axis
+template <typename T>
+auto as_array(std::vector<T>&& x)
+{
+  const std::size_t n = x.size();
+  return as_array(std::move(x), {n});
+}
+
+/// The same, with rows of `columns` values
+template <typename T>
+auto as_rows(std::vector<T>&& x, std::size_t columns)
+{
+  const std::size_t n = x.size() / columns;
+  return as_array(std::move(x), {n, columns});
+}
+
 /// Read-only view of a member of `C`, with `columns` values in a row (0: one
 /// axis only); it lives as long as the object, and shows its present values
 template <typename C, typename B, typename T>
@@ -87,14 +103,14 @@ std::vector<T> copy(const In<T>& a)
   return {a.data(), a.data() + a.size()};
 }
 
-/// Values of an enum as an array of their numbers
+/// Values of an enum that is an IntEnum in Python, as an array: NumPy compares
+/// its elements with members of the enum
 template <typename Enum>
 auto as_numbers(std::span<const Enum> values)
 {
   std::vector<std::int8_t> numbers;
   for (Enum v : values)
     numbers.push_back(static_cast<std::int8_t>(v));
-  const std::size_t n = numbers.size();
-  return as_array(std::move(numbers), {n});
+  return as_array(std::move(numbers));
 }
 } // namespace dolfinx_mortar_wrappers

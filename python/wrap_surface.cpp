@@ -31,19 +31,14 @@ namespace
 template <typename T>
 using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
 
-/// Read-only view of the types of facets, as the numbers of FacetType
+/// Types of facets
 template <typename C>
 void types(nb::class_<C>& c)
 {
   c.def_prop_ro(
-      "types",
-      [](const C& self)
-      {
-        return nb::ndarray<const std::int8_t, nb::numpy>(
-            reinterpret_cast<const std::int8_t*>(self.types.data()),
-            {self.types.size()}, nb::handle());
-      },
-      nb::rv_policy::reference_internal, "Type of each facet (FacetType).");
+      "types", [](const C& self) { return as_numbers(std::span(self.types)); },
+      nb::rv_policy::automatic,
+      "Type of each facet, values of FacetType; a copy.");
 }
 
 template <typename T>
@@ -72,9 +67,8 @@ void scatter(nb::module_& m)
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Add the values of ghosts to those of their owners. Collective.");
 }
-} // namespace
 
-void wrap_surface(nb::module_& m)
+void wrap_surfaces(nb::module_& m)
 {
   nb::class_<Surface> s(m, "Surface", "One side of an interface.");
   types(s);
@@ -93,32 +87,34 @@ void wrap_surface(nb::module_& m)
   def_array(s, "owner_ranks", &Surface::owner_ranks, "Ranks that own ghosts.");
   def_array(s, "ghost_ranks", &Surface::ghost_ranks,
             "Ranks that have ghosts of owned nodes.");
-  s.def_ro("num_owned", &Surface::num_owned)
-      .def_ro("first_owned", &Surface::first_owned)
-      .def_ro("num_global", &Surface::num_global)
-      .def_prop_ro("num_nodes", &num_local_nodes)
-      .def_prop_ro("num_facets",
-                   [](const Surface& self) { return self.types.size(); });
+  s.def_ro("num_owned", &Surface::num_owned,
+           "Number of nodes that this rank owns.")
+      .def_ro("first_owned", &Surface::first_owned,
+              "Surface number of the first owned node.")
+      .def_ro("num_global", &Surface::num_global,
+              "Number of nodes on all ranks.")
+      .def_prop_ro("num_nodes", &num_local_nodes,
+                   "Number of owned and ghost nodes.")
+      .def_prop_ro(
+          "num_facets", [](const Surface& self) { return self.types.size(); },
+          "Number of facets of this rank.");
+}
 
+void wrap_surfaces_of_arrays(nb::module_& m)
+{
   m.def(
       "create_surface",
-      [](int comm, In<std::int8_t> types, In<std::int32_t> facet_blocks,
+      [](int comm, std::vector<FacetType> types, In<std::int32_t> facet_blocks,
          In<std::int8_t> orientation, In<std::int64_t> block_numbers,
          std::int32_t num_owned_blocks, In<std::int32_t> block_owners,
          In<double> X)
       {
-        std::vector<FacetType> t;
-        for (std::int8_t type : span(types))
-        {
-          check_index(type, num_facet_types, "facet type");
-          t.push_back(static_cast<FacetType>(type));
-        }
         int num_ranks;
         MPI_Comm_size(MPI_Comm_f2c(comm), &num_ranks);
         for (std::int32_t owner : span(block_owners))
           check_index(owner, num_ranks, "owner");
         return create_surface(
-            MPI_Comm_f2c(comm), std::move(t), span(facet_blocks),
+            MPI_Comm_f2c(comm), std::move(types), span(facet_blocks),
             {orientation.data(), orientation.data() + orientation.size()},
             span(block_numbers), num_owned_blocks, span(block_owners), span(X));
       },
@@ -130,6 +126,10 @@ void wrap_surface(nb::module_& m)
         nb::arg("feature_angle"),
         "Give each smooth patch that meets at a node a node of its own. "
         "Collective.");
+}
+
+void wrap_surfaces_of_spaces(nb::module_& m)
+{
   m.def(
       "create_surface",
       [](std::shared_ptr<const dolfinx::fem::FunctionSpace<double>> V,
@@ -182,17 +182,17 @@ void wrap_surface(nb::module_& m)
         std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> r;
         for (auto& map : maps)
           r.emplace_back(*map);
-        nb::list numbers;
+        std::vector<nb::ndarray<std::int64_t, nb::numpy>> numbers;
         for (std::vector<std::int64_t>& n : number_blocks(r))
-        {
-          const std::size_t size = n.size();
-          numbers.append(as_array(std::move(n), {size}));
-        }
+          numbers.push_back(as_array(std::move(n)));
         return numbers;
       },
       nb::arg("maps"),
       "Number the blocks of several bodies in one vector. Collective.");
+}
 
+void wrap_values(nb::module_& m)
+{
   scatter<double>(m);
   scatter<std::int8_t>(m);
   scatter<std::int32_t>(m);
@@ -216,7 +216,10 @@ void wrap_surface(nb::module_& m)
       },
       nb::arg("surface"), nb::arg("x"), nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
+}
 
+void wrap_normals(nb::module_& m)
+{
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
   def_array(n, "n", &Normals::n, "Unit normals, shape (num_nodes, 3).", 3);
   def_array(n, "length", &Normals::length, "Length of the sums.");
@@ -250,7 +253,10 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("x"), nb::arg("fixed").none(),
       nb::arg("normals"), nb::arg("facet"),
       "Share of a facet in the derivative of its nodes' normals.");
+}
 
+void wrap_search(nb::module_& m)
+{
   nb::class_<FacetList> l(m, "FacetList", "Facets with their positions.");
   types(l);
   def_array(l, "orientation", &FacetList::orientation,
@@ -260,7 +266,8 @@ void wrap_surface(nb::module_& m)
   def_array(l, "blocks", &FacetList::blocks, "Block number of each node.");
   def_array(l, "x", &FacetList::x, "Positions of the nodes, shape (n, 3).", 3);
   nb::class_<Candidates> c(m, "Candidates", "Pairs of facets that may meet.");
-  c.def_ro("master", &Candidates::master, "Master facets of the pairs.");
+  c.def_ro("master", &Candidates::master,
+           "Master facets of the pairs; a view.");
   def_array(c, "offsets", &Candidates::offsets,
             "Where the masters of a slave facet begin.");
   def_array(c, "facets", &Candidates::facets, "Master facets of all pairs.");
@@ -275,4 +282,15 @@ void wrap_surface(nb::module_& m)
       nb::arg("slave"), nb::arg("x_slave"), nb::arg("master"),
       nb::arg("x_master"), nb::arg("distance").none() = nb::none(),
       "Find the master facets near each slave facet. Collective.");
+}
+} // namespace
+
+void wrap_surface(nb::module_& m)
+{
+  wrap_surfaces(m);
+  wrap_surfaces_of_arrays(m);
+  wrap_surfaces_of_spaces(m);
+  wrap_values(m);
+  wrap_normals(m);
+  wrap_search(m);
 }

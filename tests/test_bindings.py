@@ -186,11 +186,11 @@ def test_contact_laws():
         "fixed": np.zeros((n, 3), np.int8),
         "friction": 0.3,
         "bound": None,
-        "forced": flags(n),
+        "forced": [cpp.Status.stick] * n,
     }
     wrong = {name: [v[:-1]] for name, v in arguments.items() if isinstance(v, np.ndarray)}
     wrong["carries"] = [flags(n + 1)]
-    wrong["forced"] += [3 * flags(n), -flags(n)]
+    wrong["forced"] = [[cpp.Status.stick] * (n + 1), [3] * n, [-1] * n]
     wrong["motion"] += [None]
     wrong["scale"] += [None]
     refuses(cpp.contact_residual, arguments, wrong)

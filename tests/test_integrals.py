@@ -90,7 +90,7 @@ def slave_rule(kind, degree):
         degree,
         False,
     )
-    return r["xi"], r["w"]
+    return r.xi, r.w
 
 
 @multipliers

@@ -54,7 +54,7 @@ def test_points(pairing, integration):
     """Places on both facets and weights."""
     p = generic(pairing, integration)
     first = next(
-        f for f in range(len(p.master.facets)) if len(only(p, f).points(integration, 3)["w"]) > 0
+        f for f in range(len(p.master.facets)) if len(only(p, f).points(integration, 3).w) > 0
     )
     p = only(p, first)
     rng = np.random.default_rng(1)
@@ -62,11 +62,11 @@ def test_points(pairing, integration):
 
     def table(q):
         r = q.points(integration, 3)
-        return np.column_stack([r["xi"], r["eta"], r["w"]])
+        return np.column_stack([r.xi, r.eta, r.w])
 
     for _ in range(2):
         direction, difference = along(p, table, rng)
-        assert agree(r["d"] @ direction.ravel(), difference)
+        assert agree(r.d @ direction.ravel(), difference)
 
 
 def only(p, f):

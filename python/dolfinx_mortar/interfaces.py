@@ -230,12 +230,12 @@ class Interface:
     @property
     def D(self) -> PETSc.Mat:
         """D_jk = ∫ Φ_j N_k (equation 3.5): multiplier dofs by displacement dofs. Collective."""
-        return self._maker().mortar_matrix(self._index, "D")
+        return self._maker().D(self._index)
 
     @property
     def M(self) -> PETSc.Mat:
         """M_jl = ∫ Φ_j N_l∘P (equation 3.6): multiplier dofs by displacement dofs. Collective."""
-        return self._maker().mortar_matrix(self._index, "M")
+        return self._maker().M(self._index)
 
     @property
     def T(self) -> PETSc.Mat:
@@ -263,11 +263,7 @@ class Interface:
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        inverse, M = self.D_inverse, self.M
-        P = inverse.matMult(M)
-        inverse.destroy()
-        M.destroy()
-        return P
+        return self._maker().projection(self._index)
 
 
 class Tie(Interface):
@@ -321,14 +317,4 @@ class Tie(Interface):
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        C, surface = self._maker().constraint_matrix(self._index), self.data.slave
-        n = surface.num_owned
-        tied = (self.state.basis.has_multiplier[:n, None] != 0) & (self.data.fixed[:n] == 0)
-        dofs = (3 * surface.blocks[:n, None] + np.arange(3))[tied]
-        out = []
-        for dof in np.sort(dofs):
-            columns, values = C.getRow(dof)
-            used = np.abs(values) > 1e-14 * np.max(np.abs(values), initial=0.0)
-            out.append((int(dof), columns[used].astype(np.int64), values[used]))
-        C.destroy()
-        return out
+        return self._maker().constraints(self._index)

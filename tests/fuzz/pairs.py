@@ -293,7 +293,7 @@ def largest_rows(example: Example) -> np.ndarray:
     points = near.points(options["integration"], degree)
     count = len(oracle.multiplier_nodes(kind, multiplier))
     T = cpp.transformation(SPACE[multiplier], TYPE[kind], options["positive"])
-    xi, w = points["xi"], points["w"]
+    xi, w = points.xi, points.w
     functions = oracle.shape_functions(kind, xi)[0] @ T
     functions = functions[:, :count]
     if never_negative(example) and (w @ functions).min() <= 0:
