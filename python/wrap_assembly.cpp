@@ -116,11 +116,8 @@ void wrap_interfaces(nb::module_& m)
           [](const Configuration& self)
           {
             const std::vector<double>& n = self.normals.n;
-            const std::array<std::size_t, 2> shape = {n.size() / 3, 3};
-            return nb::ndarray<const double, nb::numpy>(
-                n.data(), 2, shape.data(), nb::handle());
+            return view(self, n.data(), {n.size() / 3, 3});
           },
-          nb::rv_policy::reference_internal,
           "Averaged normals of local slave nodes, shape (n, 3); a view.")
       .def_prop_ro(
           "num_candidates", [](const Configuration& self)

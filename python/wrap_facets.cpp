@@ -10,7 +10,6 @@
 #include <dolfinx_mortar/geometry/pair.h>
 #include <dolfinx_mortar/multiplier/integrals.h>
 #include <dolfinx_mortar/multiplier/multiplier.h>
-#include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -61,6 +60,23 @@ void check_polygon(std::size_t size)
     throw std::invalid_argument("A polygon has three or four corners.");
 }
 
+/// Read-only view of a vector, or of a matrix
+template <typename Matrix>
+void def_matrix(nb::class_<FacetIntegrals>& c, const char* name,
+                Matrix FacetIntegrals::* member, const char* doc)
+{
+  auto get = [member](const FacetIntegrals& self)
+  {
+    const Matrix& A = self.*member;
+    const std::size_t rows = A.rows(), columns = A.cols();
+    if constexpr (Matrix::IsVectorAtCompileTime)
+      return view(self, A.data(), {rows});
+    else
+      return view(self, A.data(), {rows, columns});
+  };
+  c.def_prop_ro(name, get, doc);
+}
+
 void wrap_results(nb::module_& m)
 {
   nb::class_<PairPoints> p(m, "PairPoints",
@@ -76,24 +92,21 @@ void wrap_results(nb::module_& m)
        [](const PairPoints& self)
        {
          const std::size_t n = self.w.size();
-         const std::array<std::size_t, 3> shape
-             = {n, 5, n ? self.d.size() / (5 * n) : 0};
-         return nb::ndarray<const double, nb::numpy>(
-             self.d.data(), 3, shape.data(), nb::handle());
+         return view(self, self.d.data(),
+                     {n, 5, n ? self.d.size() / (5 * n) : 0});
        },
-       nb::rv_policy::reference_internal,
        "Derivatives of (xi, eta, w) by the positions of the slave nodes, then "
        "of the master nodes, shape (num_points, 5, 3 (n + m)); empty unless "
        "asked for.")
       .def_ro("dropped_area", &PairPoints::dropped_area,
               "Area of parts of the overlap that are left out.");
 
-  nb::class_<FacetIntegrals>(
+  nb::class_<FacetIntegrals> f(
       m, "FacetIntegrals",
       "Mortar integrals of a slave facet with n nodes and its masters with m; "
-      "arrays are views. Where it is not covered nothing else is set.")
-      .def_ro("covered", &FacetIntegrals::covered,
-              "A master covers a part of the facet.")
+      "arrays are views. Where it is not covered nothing else is set.");
+  f.def_ro("covered", &FacetIntegrals::covered,
+           "A master covers a part of the facet.")
       .def_ro("master_blocks", &FacetIntegrals::master_blocks,
               "Displacement blocks of the master nodes.")
       .def_ro("area", &FacetIntegrals::area, "Covered area.")
@@ -101,28 +114,28 @@ void wrap_results(nb::module_& m)
               "Area of overlaps left out.")
       .def_ro("lost", &FacetIntegrals::lost,
               "Share of the facet's area that is left out and that no other "
-              "master covers.")
-      .def_ro("coverage", &FacetIntegrals::coverage,
-              "Integrals of the transformed functions, shape (n).")
-      .def_ro("diagonal", &FacetIntegrals::diagonal,
-              "Diagonal of D~ of dual spaces, shape (n).")
-      .def_ro("D_tilde", &FacetIntegrals::D_tilde,
-              "D in the transformed basis, shape (n, n).")
-      .def_ro("D", &FacetIntegrals::D, "Shape (n, n).")
-      .def_ro("M", &FacetIntegrals::M, "Shape (n, m).")
-      .def_ro("gap", &FacetIntegrals::gap, "Weighted gaps, shape (n).")
-      .def_ro("offset", &FacetIntegrals::offset,
-              "Weighted relative positions, shape (n, 3).")
-      .def_ro("d_force", &FacetIntegrals::d_force,
-              "Derivative of the contact force with fixed multipliers, shape "
-              "(3 (n + m), 3 (n + m)).")
-      .def_ro("d_gap", &FacetIntegrals::d_gap,
-              "Derivative of the weighted gap with fixed normals, shape (n, 3 "
-              "(n + m)).")
-      .def_ro("d_gap_normal", &FacetIntegrals::d_gap_normal,
-              "Derivative of the weighted gap by the normals, shape (n, 3 n).")
-      .def_ro("d_offset", &FacetIntegrals::d_offset,
-              "Derivative of the offset, shape (3 n, 3 (n + m)).");
+              "master covers.");
+  def_matrix(f, "coverage", &FacetIntegrals::coverage,
+             "Integrals of the transformed functions, shape (n).");
+  def_matrix(f, "diagonal", &FacetIntegrals::diagonal,
+             "Diagonal of D~ of dual spaces, shape (n).");
+  def_matrix(f, "D_tilde", &FacetIntegrals::D_tilde,
+             "D in the transformed basis, shape (n, n).");
+  def_matrix(f, "D", &FacetIntegrals::D, "Shape (n, n).");
+  def_matrix(f, "M", &FacetIntegrals::M, "Shape (n, m).");
+  def_matrix(f, "gap", &FacetIntegrals::gap, "Weighted gaps, shape (n).");
+  def_matrix(f, "offset", &FacetIntegrals::offset,
+             "Weighted relative positions, shape (n, 3).");
+  def_matrix(f, "d_force", &FacetIntegrals::d_force,
+             "Derivative of the contact force with fixed multipliers, shape "
+             "(3 (n + m), 3 (n + m)).");
+  def_matrix(f, "d_gap", &FacetIntegrals::d_gap,
+             "Derivative of the weighted gap with fixed normals, shape (n, 3 "
+             "(n + m)).");
+  def_matrix(f, "d_gap_normal", &FacetIntegrals::d_gap_normal,
+             "Derivative of the weighted gap by the normals, shape (n, 3 n).");
+  def_matrix(f, "d_offset", &FacetIntegrals::d_offset,
+             "Derivative of the offset, shape (3 n, 3 (n + m)).");
 }
 
 void wrap_enums(nb::module_& m)

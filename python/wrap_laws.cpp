@@ -53,11 +53,9 @@ void wrap_residuals(nb::module_& m)
         [member](const C& self)
         {
           const std::vector<double>& v = self.*member;
-          const std::array<std::size_t, 3> shape = {v.size() / 9, 3, 3};
-          return nb::ndarray<const double, nb::numpy>(v.data(), 3, shape.data(),
-                                                      nb::handle());
+          return view(self, v.data(), {v.size() / 9, 3, 3});
         },
-        nb::rv_policy::reference_internal, "Shape (n, 3, 3); a view.");
+        "Shape (n, 3, 3); a view.");
   };
   blocks(c, "dz", &ContactCouplings::dz);
   blocks(c, "dn", &ContactCouplings::dn);

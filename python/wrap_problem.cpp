@@ -53,12 +53,10 @@ void wrap_results(nb::module_& m)
           "values",
           [](const Field& self)
           {
-            const std::array<std::size_t, 2> shape
-                = {self.nodes.size(), static_cast<std::size_t>(self.columns)};
-            return nb::ndarray<const double, nb::numpy>(
-                self.values.data(), 2, shape.data(), nb::handle());
+            return view(
+                self, self.values.data(),
+                {self.nodes.size(), static_cast<std::size_t>(self.columns)});
           },
-          nb::rv_policy::reference_internal,
           "Values, a row for each node; a view.");
   def_array(f, "nodes", &Field::nodes,
             "Displacement block of each node, among the local blocks of all "
@@ -201,9 +199,7 @@ void wrap_states(nb::class_<ContactProblem>& p)
 }
 
 /// A slave dof, its masters and their coefficients
-using Constraint
-    = std::tuple<std::int64_t, nb::ndarray<std::int64_t, nb::numpy>,
-                 nb::ndarray<double, nb::numpy>>;
+using Constraint = std::tuple<std::int64_t, Array<std::int64_t>, Array<double>>;
 
 std::vector<Constraint> constraints(const ContactProblem& problem,
                                     std::size_t i)

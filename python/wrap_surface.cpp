@@ -27,9 +27,8 @@ using namespace dolfinx_mortar_wrappers;
 
 namespace
 {
-/// Array of one value, or a row of values, per node
-template <typename T>
-using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
+/// Array of one value, or a row of values, per node, that is written to
+using InOut = nb::ndarray<nb::numpy, nb::c_contig>;
 
 /// Types of facets
 template <typename C>
@@ -41,8 +40,7 @@ void types(nb::class_<C>& c)
       "Type of each facet, values of FacetType; a copy.");
 }
 
-template <typename T>
-int block_size(const Surface& s, const InOut<T>& a)
+int block_size(const Surface& s, const InOut& a)
 {
   if (a.ndim() < 1 or a.ndim() > 2
       or a.shape(0) != static_cast<std::size_t>(num_local_nodes(s)))
@@ -50,19 +48,41 @@ int block_size(const Surface& s, const InOut<T>& a)
   return a.ndim() == 1 ? 1 : a.shape(1);
 }
 
-template <typename T>
-void scatter(nb::module_& m)
+/// Call a function with the values of an array, if they are of type T.
+template <typename T, typename F>
+bool apply_as(const InOut& a, F&& f)
+{
+  if (a.dtype() != nb::dtype<T>())
+    return false;
+  f(std::span(static_cast<T*>(a.data()), a.size()));
+  return true;
+}
+
+template <typename F>
+void apply(const InOut& a, F&& f)
+{
+  if (!apply_as<double>(a, f) and !apply_as<std::int8_t>(a, f)
+      and !apply_as<std::int32_t>(a, f) and !apply_as<std::int64_t>(a, f))
+    throw nb::type_error("Values are float64, int8, int32 or int64.");
+}
+
+void wrap_scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward", [](const Surface& s, InOut<T> a)
-      { scatter_forward(s, std::span(a.data(), a.size()), block_size(s, a)); },
+      "scatter_forward",
+      [](const Surface& s, const InOut& a)
+      {
+        const int bs = block_size(s, a);
+        apply(a, [&](auto values) { scatter_forward(s, values, bs); });
+      },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
       "scatter_reverse_add",
-      [](const Surface& s, InOut<T> a)
+      [](const Surface& s, const InOut& a)
       {
-        scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(s, a));
+        const int bs = block_size(s, a);
+        apply(a, [&](auto values) { scatter_reverse_add(s, values, bs); });
       },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Add the values of ghosts to those of their owners. Collective.");
@@ -182,7 +202,7 @@ void wrap_surfaces_of_spaces(nb::module_& m)
         std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> r;
         for (auto& map : maps)
           r.emplace_back(*map);
-        std::vector<nb::ndarray<std::int64_t, nb::numpy>> numbers;
+        std::vector<Array<std::int64_t>> numbers;
         for (std::vector<std::int64_t>& n : number_blocks(r))
           numbers.push_back(as_array(std::move(n)));
         return numbers;
@@ -193,11 +213,6 @@ void wrap_surfaces_of_spaces(nb::module_& m)
 
 void wrap_values(nb::module_& m)
 {
-  scatter<double>(m);
-  scatter<std::int8_t>(m);
-  scatter<std::int32_t>(m);
-  scatter<std::int64_t>(m);
-
   m.def(
       "current_positions",
       [](const Surface& s, In<double> u)
@@ -290,6 +305,7 @@ void wrap_surface(nb::module_& m)
   wrap_surfaces(m);
   wrap_surfaces_of_arrays(m);
   wrap_surfaces_of_spaces(m);
+  wrap_scatter(m);
   wrap_values(m);
   wrap_normals(m);
   wrap_search(m);

@@ -23,6 +23,8 @@ def test_drag_and_back(demo):
         assert r["ratio"] == pytest.approx(sign, abs=1e-6)
         travel = r["displacement"] - steps[end - 2]["displacement"]
         assert r["dissipation"] == pytest.approx(r["drag_force"] * travel, rel=1e-4)
+    for k, (s, before) in enumerate(zip(steps[1:], steps[:-1], strict=True)):
+        print("DRAG", k + 1, s["stick"], s["slip"], s["ratio"], s["dissipation"] / max(abs(s["drag_force"] * (s["displacement"] - before["displacement"])), 1e-30))
     # Before, the drag grows from nothing, while the zone that sticks shrinks
     pressed, turn = ends[0], ends[1]
     assert abs(steps[pressed - 1]["ratio"]) < 1e-6

@@ -41,6 +41,24 @@ def test_pressure_and_radius(demo, measured, material):
     assert np.abs(force + master_force).max() < 1e-10 * force[2]
 
 
+@pytest.mark.parametrize("p", [0.0125, 0.05, 0.2])
+def test_hertz_curve(demo, p):
+    """Linear material, three loads: force, pressure at all nodes inside, radius by Hertz.
+
+    Meshes are alike, in units of Hertz's radius, which is a twelfth to a third of the hemisphere's.
+    """
+    domain, tags, h = demo.levelled_mesh("hex20", p, 1, False)
+    u, contact, _, _ = demo.solve(domain, tags, "hex20", "linear", p)
+    largest, rho = demo.hertz(p)
+    r, pressure, active = demo.nodal_values(u, contact).T[:3]
+    inside = r < rho - 1.5 * h
+    assert np.count_nonzero(inside) > 10
+    expected = largest * np.sqrt(1 - (r[inside] / rho) ** 2)
+    print("HERTZ", p, rho, h, np.abs(pressure[inside] - expected).max() / largest,
+          pressure.max() / largest, contact.force[2] / demo.applied_force(domain, tags, p),
+          (r[active > 0].max(), r[active == 0].min()), np.pi * 64 * p / 4)
+
+
 @pytest.mark.parametrize("element", ["hex8", "hex27", "tet10"])
 def test_elements(measured, element):
     result, *_ = measured(element, "neo-hooke")

@@ -162,7 +162,7 @@ class Contact(Interface):
             self._geometry == "reference",
             self.present_friction(),
             self._feature_angle,
-            None if self._normal is None else self._normal.tolist(),
+            None if self._normal is None else [float(n) for n in self._normal],
             cpp.InitialActive.given if callable(choice) else _CHOICES[choice],
             _flags(choice, self.comm) if callable(choice) else None,
         )

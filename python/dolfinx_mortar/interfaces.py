@@ -121,10 +121,8 @@ class Interface:
     def describe(self) -> cpp.InterfaceOptions:
         """The interface as the C++ library takes it."""
         return cpp.InterfaceOptions(
-            *[
-                [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in side]
-                for side in (self.slave, self.master)
-            ],
+            [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.slave],
+            [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.master],
             self._options,
             self._min_coverage,
         )

@@ -95,7 +95,8 @@ class ContactProblem(memory.Destroyable):
         try:
             problem = cpp.ContactProblem(
                 self.comm.py2f(),
-                *[[fem.form(f, **form_options)._cpp_object for f in form] for form in (F, J)],
+                [fem.form(f, **form_options)._cpp_object for f in F],
+                [fem.form(f, **form_options)._cpp_object for f in J],
                 [f._cpp_object for f in self._functions],
                 [bc._cpp_object for bc in self.bcs],
                 [i.describe() for i in self._interfaces],
