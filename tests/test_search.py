@@ -192,7 +192,8 @@ def test_bulging_facets_are_found(kind, side):
     assert pairs(s, m, find(s, m, 0.02)) == {(0, 0)}
     if side == "slave":
         flat.x[:, 2] += 10
-        assert not pairs(*(far := deal(bulging, flat)), find(*far, 0.02))
+        s, m = deal(bulging, flat)
+        assert not pairs(s, m, find(s, m, 0.02))
 
 
 @pairings
