@@ -96,37 +96,47 @@ file(
 nanobind_add_module(cpp NOMINSIZE ${sources})
 target_link_libraries(cpp PRIVATE dolfinx_mortar Eigen3::Eigen)
 target_compile_options(cpp PRIVATE ${MORTAR_COMPILE_OPTIONS})
-# The casters for PETSc's objects are switched on by HAS_PETSC4PY.
-target_compile_definitions(cpp PRIVATE HAS_PETSC4PY)
-target_include_directories(
-  cpp
-  SYSTEM
-  PRIVATE ${MORTAR_DOLFINX_PY_DIR}/wrappers ${MORTAR_PETSC4PY_INCLUDE_DIR}
-)
+target_include_directories(cpp SYSTEM PRIVATE ${MORTAR_PETSC4PY_INCLUDE_DIR})
 
+# <build>/python is ready for PYTHONPATH: the extension, and links to the Python
+# files and subpackages, so that editing them needs no build.
+set(package ${CMAKE_BINARY_DIR}/python/dolfinx_mortar)
+set_target_properties(cpp PROPERTIES LIBRARY_OUTPUT_DIRECTORY ${package})
+file(MAKE_DIRECTORY ${package})
+file(GLOB stale LIST_DIRECTORIES TRUE ${package}/*)
+foreach(file ${stale})
+  if(IS_SYMLINK ${file})
+    file(REMOVE ${file})
+  endif()
+endforeach()
+file(
+  GLOB files
+  LIST_DIRECTORIES TRUE
+  CONFIGURE_DEPENDS
+  ${CMAKE_CURRENT_SOURCE_DIR}/python/dolfinx_mortar/*
+)
+list(FILTER files EXCLUDE REGEX "__pycache__|\\.so$")
+foreach(file ${files})
+  cmake_path(GET file FILENAME name)
+  file(CREATE_LINK ${file} ${package}/${name} SYMBOLIC)
+endforeach()
+
+# Types of the extension, for type checkers and editors. They are asked of the
+# extension itself, which imports DOLFINx and so starts MPI, once it is built.
+if(MORTAR_STUBS)
+  nanobind_add_stub(
+    cpp_stub
+    MODULE dolfinx_mortar.cpp
+    OUTPUT ${package}/cpp.pyi
+    PYTHON_PATH ${CMAKE_BINARY_DIR}/python
+    DEPENDS cpp
+  )
+endif()
+
+# A wheel has the Python files from pyproject.toml.
 if(SKBUILD)
   install(TARGETS cpp LIBRARY DESTINATION dolfinx_mortar)
-else()
-  # <build>/python is ready for PYTHONPATH: the extension, and links to the
-  # Python files, so that editing them needs no build.
-  set(package ${CMAKE_BINARY_DIR}/python/dolfinx_mortar)
-  set_target_properties(cpp PROPERTIES LIBRARY_OUTPUT_DIRECTORY ${package})
-  file(MAKE_DIRECTORY ${package})
-  file(GLOB stale LIST_DIRECTORIES TRUE ${package}/*)
-  foreach(file ${stale})
-    if(IS_SYMLINK ${file})
-      file(REMOVE ${file})
-    endif()
-  endforeach()
-  file(
-    GLOB files
-    LIST_DIRECTORIES TRUE
-    CONFIGURE_DEPENDS
-    ${CMAKE_CURRENT_SOURCE_DIR}/python/dolfinx_mortar/*
-  )
-  list(FILTER files EXCLUDE REGEX "__pycache__|\\.so$")
-  foreach(file ${files})
-    cmake_path(GET file FILENAME name)
-    file(CREATE_LINK ${file} ${package}/${name} SYMBOLIC)
-  endforeach()
+  if(MORTAR_STUBS)
+    install(FILES ${package}/cpp.pyi DESTINATION dolfinx_mortar)
+  endif()
 endif()

@@ -30,8 +30,7 @@ from mpi4py import MPI
 import dolfinx_mortar as dm
 import numpy as np
 import ufl
-from dolfinx import default_scalar_type, fem, mesh
-from dolfinx_mortar import compat
+from dolfinx import default_scalar_type, fem, la, mesh
 from dolfinx_mortar.plotting import Writer, gif, picture, surface
 
 comm = MPI.COMM_WORLD
@@ -225,10 +224,10 @@ class Drag:
             petsc_options={"snes_rtol": 1e-10},
         )
 
-        self.ndofs = 3 * sum(compat.dofmap(V).index_map.size_global for V in self.spaces)
+        self.ndofs = 3 * sum(V.dofmap.index_map.size_global for V in self.spaces)
         self._energies = [fem.form(e) for e in energies]
         self._forces = fem.form(forces[0])
-        owned = compat.dofmap(self.spaces[0]).index_map.size_local
+        owned = self.spaces[0].dofmap.index_map.size_local
         nodes = fem.locate_dofs_topological(self.spaces[0], 2, self.tags[0].find(CONTACT))
         self._top, self._nodes = held[0][held[0] < owned], nodes[nodes < owned]
 
@@ -239,7 +238,7 @@ class Drag:
     def reaction(self):
         """Force of the stamp on the block, from the stresses in the block."""
         f = fem.assemble_vector(self._forces)
-        f.scatter_reverse(compat.INSERT_ADD)
+        f.scatter_reverse(la.InsertMode.add)
         return comm.allreduce(f.array.reshape(-1, 3)[self._top].sum(axis=0))
 
     def nodes(self):

@@ -31,9 +31,13 @@ import dolfinx_mortar as dm
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx_mortar import compat
 from dolfinx_mortar.mesh import model_to_hex20
 from dolfinx_mortar.plotting import Writer, convergence_plot, picture, surface
+
+try:
+    from dolfinx.io import gmsh as gmsh_reader
+except ImportError:  # DOLFINx 0.9
+    from dolfinx.io import gmshio as gmsh_reader
 
 comm = MPI.COMM_WORLD
 
@@ -263,7 +267,7 @@ def hemisphere(element, a, n, layers, growth, full=False):
     if element == "hex20":
         domain, _, tags = model_to_hex20(model, comm)
     else:
-        domain, _, tags = compat.model_to_mesh(model, comm)
+        domain, _, tags = gmsh_reader.model_to_mesh(model, comm, 0, gdim=3)[:3]
     if comm.rank == 0:
         import gmsh
 
@@ -406,7 +410,7 @@ def nodal_values(u, contact):
     """
     pressure, gap, status = contact.pressure, contact.gap, contact.status
     W = pressure.function_space
-    owned = compat.dofmap(W).index_map.size_local
+    owned = W.dofmap.index_map.size_local
     x = u.function_space.tabulate_dof_coordinates()[:owned] + u.x.array.reshape(-1, 3)[:owned]
     active = status.x.array[:owned] > 0
     chosen = active | (gap.x.array[:owned] > 0)
@@ -446,7 +450,7 @@ def measure(element, material, p, level, full=False):
             "material": material,
             "pressure": p,
             "h": h,
-            "ndofs": 3 * compat.dofmap(u.function_space).index_map.size_global,
+            "ndofs": 3 * u.function_space.dofmap.index_map.size_global,
             "lambda_max": float(pressure.max()),
             "contact_radius": float((r[active].max() + r[~active].min()) / 2),
             "newton_iterations": iterations,

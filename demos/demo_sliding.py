@@ -29,8 +29,7 @@ import basix
 import dolfinx_mortar as dm
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
-from dolfinx_mortar import compat
+from dolfinx import fem, la, mesh
 from dolfinx_mortar.mesh import create_hex20_mesh
 from dolfinx_mortar.plotting import Writer, gif, picture, surface
 
@@ -242,7 +241,7 @@ def solve(friction, level, clock, show):
     problem = dm.ContactProblem(
         F, u, bcs=supports.bcs, interfaces=[contact], petsc_options_prefix="sliding_"
     )
-    ndofs = 3 * compat.dofmap(V).index_map.size_global
+    ndofs = 3 * V.dofmap.index_map.size_global
     say(f"Friction {friction:g}: {ndofs} displacements\n")
 
     forces = fem.form(F)
@@ -251,8 +250,8 @@ def solve(friction, level, clock, show):
     def reaction():
         """Force of the supports B and D on the upper body."""
         f = fem.assemble_vector(forces)
-        f.scatter_reverse(compat.INSERT_ADD)
-        mine = ends[ends < compat.dofmap(V).index_map.size_local]
+        f.scatter_reverse(la.InsertMode.add)
+        mine = ends[ends < V.dofmap.index_map.size_local]
         return comm.allreduce(f.array.reshape(-1, 3)[mine].sum(axis=0))
 
     steps = []

@@ -32,9 +32,13 @@ import dolfinx_mortar as dm
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx_mortar import compat
 from dolfinx_mortar.mesh import model_to_hex20
 from dolfinx_mortar.plotting import Writer, convergence_plot, picture, surface
+
+try:
+    from dolfinx.io import gmsh as gmsh_reader
+except ImportError:  # DOLFINx 0.9
+    from dolfinx.io import gmshio as gmsh_reader
 
 comm = MPI.COMM_WORLD
 
@@ -200,7 +204,7 @@ def beam(element, k, cut, ratio):
     if element == "hex20":
         domain, _, tags = model_to_hex20(model, comm)
     else:
-        domain, _, tags = compat.model_to_mesh(model, comm)
+        domain, _, tags = gmsh_reader.model_to_mesh(model, comm, 0, gdim=3)[:3]
     if comm.rank == 0:
         import gmsh
 
@@ -321,7 +325,7 @@ def measure(element, multiplier, k, cut, ratio, picture=False):
         "cut": cut,
         "ratio": ratio,
         "h": lz / (3 * k if ratio == "2:3" else 2 * k),  # of the slave's facets
-        "ndofs": 3 * compat.dofmap(u.function_space).index_map.size_global,
+        "ndofs": 3 * u.function_space.dofmap.index_map.size_global,
         "energy_error": error,
         "relative_error": error / norm,
         "seconds": time.perf_counter() - start,

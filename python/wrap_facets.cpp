@@ -60,24 +60,87 @@ void check_polygon(std::size_t size)
     throw std::invalid_argument("A polygon has three or four corners.");
 }
 
-nb::dict points_dict(PairPoints& p, int width)
+/// Read-only view of a vector, or of a matrix
+template <typename Matrix>
+void def_matrix(nb::class_<FacetIntegrals>& c, const char* name,
+                Matrix FacetIntegrals::* member, const char* doc)
 {
-  const std::size_t n = p.w.size();
-  nb::dict d;
-  d["xi"] = as_array(std::move(p.xi), {n, 2});
-  d["eta"] = as_array(std::move(p.eta), {n, 2});
-  if (!p.d.empty() or n == 0)
-    d["d"] = as_array(std::move(p.d),
-                      {p.d.empty() ? 0 : n, 5, std::size_t(width)});
-  d["w"] = as_array(std::move(p.w), {n});
-  d["dropped_area"] = p.dropped_area;
-  return d;
+  auto get = [member](const FacetIntegrals& self)
+  {
+    const Matrix& A = self.*member;
+    const std::size_t rows = A.rows(), columns = A.cols();
+    if constexpr (Matrix::IsVectorAtCompileTime)
+      return view(self, A.data(), {rows});
+    else
+      return view(self, A.data(), {rows, columns});
+  };
+  c.def_prop_ro(name, get, doc);
 }
-} // namespace
 
-void wrap_facets(nb::module_& m)
+void wrap_results(nb::module_& m)
 {
-  nb::enum_<FacetType>(m, "FacetType", "Types of facets")
+  nb::class_<PairPoints> p(m, "PairPoints",
+                           "Quadrature points of a pair of facets; views.");
+  def_array(p, "xi", &PairPoints::xi,
+            "Points on the slave facet, shape (num_points, 2).", 2);
+  def_array(p, "eta", &PairPoints::eta,
+            "Points on the master facet, shape (num_points, 2).", 2);
+  def_array(p, "w", &PairPoints::w,
+            "Weights times surface measure of the slave facet.");
+  p.def_prop_ro(
+       "d",
+       [](const PairPoints& self)
+       {
+         const std::size_t n = self.w.size();
+         return view(self, self.d.data(),
+                     {n, 5, n ? self.d.size() / (5 * n) : 0});
+       },
+       "Derivatives of (xi, eta, w) by the positions of the slave nodes, then "
+       "of the master nodes, shape (num_points, 5, 3 (n + m)); empty unless "
+       "asked for.")
+      .def_ro("dropped_area", &PairPoints::dropped_area,
+              "Area of parts of the overlap that are left out.");
+
+  nb::class_<FacetIntegrals> f(
+      m, "FacetIntegrals",
+      "Mortar integrals of a slave facet with n nodes and its masters with m; "
+      "arrays are views. Where it is not covered nothing else is set.");
+  f.def_ro("covered", &FacetIntegrals::covered,
+           "A master covers a part of the facet.")
+      .def_ro("master_blocks", &FacetIntegrals::master_blocks,
+              "Displacement blocks of the master nodes.")
+      .def_ro("area", &FacetIntegrals::area, "Covered area.")
+      .def_ro("dropped_area", &FacetIntegrals::dropped_area,
+              "Area of overlaps left out.")
+      .def_ro("lost", &FacetIntegrals::lost,
+              "Share of the facet's area that is left out and that no other "
+              "master covers.");
+  def_matrix(f, "coverage", &FacetIntegrals::coverage,
+             "Integrals of the transformed functions, shape (n).");
+  def_matrix(f, "diagonal", &FacetIntegrals::diagonal,
+             "Diagonal of D~ of dual spaces, shape (n).");
+  def_matrix(f, "D_tilde", &FacetIntegrals::D_tilde,
+             "D in the transformed basis, shape (n, n).");
+  def_matrix(f, "D", &FacetIntegrals::D, "Shape (n, n).");
+  def_matrix(f, "M", &FacetIntegrals::M, "Shape (n, m).");
+  def_matrix(f, "gap", &FacetIntegrals::gap, "Weighted gaps, shape (n).");
+  def_matrix(f, "jump", &FacetIntegrals::jump,
+             "Weighted relative positions, shape (n, 3).");
+  def_matrix(f, "d_force", &FacetIntegrals::d_force,
+             "Derivative of the contact force with fixed multipliers, shape "
+             "(3 (n + m), 3 (n + m)).");
+  def_matrix(f, "d_gap", &FacetIntegrals::d_gap,
+             "Derivative of the weighted gap with fixed normals, shape (n, 3 "
+             "(n + m)).");
+  def_matrix(f, "d_gap_normal", &FacetIntegrals::d_gap_normal,
+             "Derivative of the weighted gap by the normals, shape (n, 3 n).");
+  def_matrix(f, "d_jump", &FacetIntegrals::d_jump,
+             "Derivative of the jump, shape (3 n, 3 (n + m)).");
+}
+
+void wrap_enums(nb::module_& m)
+{
+  nb::enum_<FacetType>(m, "FacetType", nb::is_arithmetic(), "Types of facets")
       .value("tri3", FacetType::tri3)
       .value("tri6", FacetType::tri6)
       .value("quad4", FacetType::quad4)
@@ -94,9 +157,12 @@ void wrap_facets(nb::module_& m)
       .value("none", Derivatives::none)
       .value("gap", Derivatives::gap)
       .value("gap_and_slip", Derivatives::gap_and_slip);
+}
 
-  m.def("num_nodes", &num_nodes, nb::arg("type"));
-  m.def("num_corners", &num_corners, nb::arg("type"));
+void wrap_shapes(nb::module_& m)
+{
+  m.def("num_nodes", &num_nodes, nb::arg("type"), "Number of nodes.");
+  m.def("num_corners", &num_corners, nb::arg("type"), "Number of corners.");
   m.def(
       "node_coordinates",
       [](FacetType type)
@@ -152,9 +218,14 @@ void wrap_facets(nb::module_& m)
       nb::arg("space"), nb::arg("type"),
       nb::arg("nonnegative").none() = nb::none(),
       "Inverse of the basis transformation of a facet.");
-  m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"));
-  m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"));
+  m.def("num_multipliers", &num_multipliers, nb::arg("space"), nb::arg("type"),
+        "Number of multipliers of a facet.");
+  m.def("default_degree", &default_degree, nb::arg("slave"), nb::arg("master"),
+        "Degree of quadrature by default.");
+}
 
+void wrap_pairs(nb::module_& m)
+{
   m.def(
       "clip",
       [](const std::vector<std::array<double, 2>>& slave,
@@ -192,15 +263,17 @@ void wrap_facets(nb::module_& m)
                                 create_rule(num_corners(slave_type), degree),
                                 limits, derivatives, p);
         }
-        return points_dict(
-            p[0], 3 * (num_nodes(slave_type) + num_nodes(master_type)));
+        return std::move(p[0]);
       },
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
       nb::arg("master_type"), nb::arg("master_orientation"), nb::arg("master"),
       nb::arg("integration"), nb::arg("degree"), nb::arg("derivatives"),
       nb::arg("max_angle") = IntegrationOptions().max_angle,
       "Quadrature points of a pair of facets.");
+}
 
+void wrap_integrals(nb::module_& m)
+{
   m.def(
       "integrate_facet",
       [](FacetType slave_type, int slave_orientation, In<double> slave,
@@ -209,7 +282,7 @@ void wrap_facets(nb::module_& m)
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
          Derivatives derivatives, std::optional<In<std::int8_t>> nonnegative,
-         double max_angle)
+         double max_angle) -> FacetIntegrals
       {
         const std::size_t n = num_nodes(slave_type);
         check_size(normals, 3 * n, "normals");
@@ -237,34 +310,10 @@ void wrap_facets(nb::module_& m)
         options.degree = degree;
         options.max_angle = max_angle;
         FacetIntegrator integrator(options);
-        const FacetIntegrals& r = integrator.compute(
+        return integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
             span(has_multiplier), flags_or_none(nonnegative, slave_type),
             span(z), list, masters, derivatives);
-        nb::dict d;
-        d["covered"] = r.covered;
-        d["area"] = r.area;
-        d["dropped_area"] = r.dropped_area;
-        d["lost"] = r.lost;
-        if (!r.covered)
-          return d;
-        d["master_blocks"] = std::vector<std::int64_t>(r.master_blocks);
-        d["coverage"] = matrix(r.coverage);
-        d["diagonal"] = matrix(r.diagonal);
-        d["D_tilde"] = matrix(r.D_tilde);
-        d["D"] = matrix(r.D);
-        d["M"] = matrix(r.M);
-        d["gap"] = matrix(r.gap);
-        d["offset"] = matrix(r.offset);
-        if (derivatives != Derivatives::none)
-        {
-          d["d_force"] = matrix(r.d_force);
-          d["d_gap"] = matrix(r.d_gap);
-          d["d_gap_normal"] = matrix(r.d_gap_normal);
-        }
-        if (derivatives == Derivatives::gap_and_slip)
-          d["d_offset"] = matrix(r.d_offset);
-        return d;
       },
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
       nb::arg("normals"), nb::arg("has_multiplier"), nb::arg("z"),
@@ -274,4 +323,14 @@ void wrap_facets(nb::module_& m)
       nb::arg("nonnegative").none() = nb::none(),
       nb::arg("max_angle") = IntegrationOptions().max_angle,
       "Mortar integrals of one slave facet, see FacetIntegrator.");
+}
+} // namespace
+
+void wrap_facets(nb::module_& m)
+{
+  wrap_enums(m);
+  wrap_shapes(m);
+  wrap_results(m);
+  wrap_pairs(m);
+  wrap_integrals(m);
 }

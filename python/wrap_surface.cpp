@@ -27,50 +27,67 @@ using namespace dolfinx_mortar_wrappers;
 
 namespace
 {
-/// Array of one value, or a row of values, per node
-template <typename T>
-using InOut = nb::ndarray<T, nb::numpy, nb::c_contig>;
+/// Array of one value, or a row of values, per node, that is written to
+using InOut = nb::ndarray<nb::numpy, nb::c_contig>;
 
-/// Read-only view of the types of facets, as the numbers of FacetType
+/// Types of facets
 template <typename C>
 void types(nb::class_<C>& c)
 {
   c.def_prop_ro(
-      "types",
-      [](const C& self)
-      {
-        return nb::ndarray<const std::int8_t, nb::numpy>(
-            reinterpret_cast<const std::int8_t*>(self.types.data()),
-            {self.types.size()}, nb::handle());
-      },
-      nb::rv_policy::reference_internal, "Type of each facet (FacetType).");
+      "types", [](const C& self) { return as_numbers(std::span(self.types)); },
+      nb::rv_policy::automatic,
+      "Type of each facet, values of FacetType; a copy.");
 }
 
 /// Number of values of a node. Whether there is a row for each node is for the
 /// library to say, on all ranks.
-template <typename T>
-int block_size(const InOut<T>& a)
+int block_size(const InOut& a)
 {
   return a.ndim() < 2 ? 1 : a.shape(1);
 }
 
-template <typename T>
-void scatter(nb::module_& m)
+/// Call a function with the values of an array, if they are of type T.
+template <typename T, typename F>
+bool apply_as(const InOut& a, F&& f)
+{
+  if (a.dtype() != nb::dtype<T>())
+    return false;
+  f(std::span(static_cast<T*>(a.data()), a.size()));
+  return true;
+}
+
+template <typename F>
+void apply(const InOut& a, F&& f)
+{
+  if (!apply_as<double>(a, f) and !apply_as<std::int8_t>(a, f)
+      and !apply_as<std::int32_t>(a, f) and !apply_as<std::int64_t>(a, f))
+    throw nb::type_error("Values are float64, int8, int32 or int64.");
+}
+
+void wrap_scatter(nb::module_& m)
 {
   m.def(
-      "scatter_forward", [](const Surface& s, InOut<T> a)
-      { scatter_forward(s, std::span(a.data(), a.size()), block_size(a)); },
+      "scatter_forward",
+      [](const Surface& s, const InOut& a)
+      {
+        const int bs = block_size(a);
+        apply(a, [&](auto values) { scatter_forward(s, values, bs); });
+      },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Copy the values of owned nodes to their ghosts. Collective.");
   m.def(
-      "scatter_reverse_add", [](const Surface& s, InOut<T> a)
-      { scatter_reverse_add(s, std::span(a.data(), a.size()), block_size(a)); },
+      "scatter_reverse_add",
+      [](const Surface& s, const InOut& a)
+      {
+        const int bs = block_size(a);
+        apply(a, [&](auto values) { scatter_reverse_add(s, values, bs); });
+      },
       nb::arg("surface"), nb::arg("values").noconvert(),
       "Add the values of ghosts to those of their owners. Collective.");
 }
-} // namespace
 
-void wrap_surface(nb::module_& m)
+void wrap_surfaces(nb::module_& m)
 {
   nb::class_<Surface> s(m, "Surface", "One side of an interface.");
   types(s);
@@ -89,26 +106,31 @@ void wrap_surface(nb::module_& m)
   def_array(s, "owner_ranks", &Surface::owner_ranks, "Ranks that own ghosts.");
   def_array(s, "ghost_ranks", &Surface::ghost_ranks,
             "Ranks that have ghosts of owned nodes.");
-  s.def_ro("num_owned", &Surface::num_owned)
-      .def_ro("first_owned", &Surface::first_owned)
-      .def_ro("num_global", &Surface::num_global)
-      .def_prop_ro("num_nodes", &num_local_nodes)
-      .def_prop_ro("num_facets",
-                   [](const Surface& self) { return self.types.size(); });
+  s.def_ro("num_owned", &Surface::num_owned,
+           "Number of nodes that this rank owns.")
+      .def_ro("first_owned", &Surface::first_owned,
+              "Surface number of the first owned node.")
+      .def_ro("num_global", &Surface::num_global,
+              "Number of nodes on all ranks.")
+      .def_prop_ro("num_nodes", &num_local_nodes,
+                   "Number of owned and ghost nodes.")
+      .def_prop_ro(
+          "num_facets", [](const Surface& self) { return self.types.size(); },
+          "Number of facets of this rank.");
+}
 
+void wrap_surfaces_of_arrays(nb::module_& m)
+{
   m.def(
       "create_surface",
-      [](int comm, In<std::int8_t> types, In<std::int32_t> facet_blocks,
+      [](int comm, std::vector<FacetType> types, In<std::int32_t> facet_blocks,
          In<std::int8_t> orientation, In<std::int64_t> block_numbers,
          std::int32_t num_owned_blocks, In<std::int32_t> block_owners,
          In<double> X)
       {
         // Whether entries make sense is checked on all ranks together
-        std::vector<FacetType> t;
-        for (std::int8_t type : span(types))
-          t.push_back(static_cast<FacetType>(type));
         return create_surface(
-            MPI_Comm_f2c(comm), std::move(t), span(facet_blocks),
+            MPI_Comm_f2c(comm), std::move(types), span(facet_blocks),
             {orientation.data(), orientation.data() + orientation.size()},
             span(block_numbers), num_owned_blocks, span(block_owners), span(X));
       },
@@ -120,6 +142,10 @@ void wrap_surface(nb::module_& m)
         nb::arg("feature_angle"),
         "Give each smooth patch that meets at a node a node of its own. "
         "Collective.");
+}
+
+void wrap_surfaces_of_spaces(nb::module_& m)
+{
   m.def(
       "create_surface",
       [](std::shared_ptr<const dolfinx::fem::FunctionSpace<double>> V,
@@ -172,22 +198,17 @@ void wrap_surface(nb::module_& m)
         std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> r;
         for (auto& map : maps)
           r.emplace_back(*map);
-        nb::list numbers;
+        std::vector<Array<std::int64_t>> numbers;
         for (std::vector<std::int64_t>& n : number_blocks(r))
-        {
-          const std::size_t size = n.size();
-          numbers.append(as_array(std::move(n), {size}));
-        }
+          numbers.push_back(as_array(std::move(n)));
         return numbers;
       },
       nb::arg("maps"),
       "Number the blocks of several bodies in one vector. Collective.");
+}
 
-  scatter<double>(m);
-  scatter<std::int8_t>(m);
-  scatter<std::int32_t>(m);
-  scatter<std::int64_t>(m);
-
+void wrap_values(nb::module_& m)
+{
   m.def(
       "current_positions",
       [](const Surface& s, In<double> u)
@@ -202,7 +223,10 @@ void wrap_surface(nb::module_& m)
       { check_areas(s, span(x), name); }, nb::arg("surface"), nb::arg("x"),
       nb::arg("name") = "surface",
       "Check that every facet has an area. Collective.");
+}
 
+void wrap_normals(nb::module_& m)
+{
   nb::class_<Normals> n(m, "Normals", "Averaged nodal normals.");
   def_array(n, "n", &Normals::n, "Unit normals, shape (num_nodes, 3).", 3);
   def_array(n, "length", &Normals::length, "Length of the sums.");
@@ -236,7 +260,10 @@ void wrap_surface(nb::module_& m)
       nb::arg("surface"), nb::arg("x"), nb::arg("fixed").none(),
       nb::arg("normals"), nb::arg("facet"),
       "Share of a facet in the derivative of its nodes' normals.");
+}
 
+void wrap_search(nb::module_& m)
+{
   nb::class_<FacetList> l(m, "FacetList", "Facets with their positions.");
   types(l);
   def_array(l, "orientation", &FacetList::orientation,
@@ -246,7 +273,8 @@ void wrap_surface(nb::module_& m)
   def_array(l, "blocks", &FacetList::blocks, "Block number of each node.");
   def_array(l, "x", &FacetList::x, "Positions of the nodes, shape (n, 3).", 3);
   nb::class_<Candidates> c(m, "Candidates", "Pairs of facets that may meet.");
-  c.def_ro("master", &Candidates::master, "Master facets of the pairs.");
+  c.def_ro("master", &Candidates::master,
+           "Master facets of the pairs; a view.");
   def_array(c, "offsets", &Candidates::offsets,
             "Where the masters of a slave facet begin.");
   def_array(c, "facets", &Candidates::facets, "Master facets of all pairs.");
@@ -261,4 +289,16 @@ void wrap_surface(nb::module_& m)
       nb::arg("slave"), nb::arg("x_slave"), nb::arg("master"),
       nb::arg("x_master"), nb::arg("distance").none() = nb::none(),
       "Find the master facets near each slave facet. Collective.");
+}
+} // namespace
+
+void wrap_surface(nb::module_& m)
+{
+  wrap_surfaces(m);
+  wrap_surfaces_of_arrays(m);
+  wrap_surfaces_of_spaces(m);
+  wrap_scatter(m);
+  wrap_values(m);
+  wrap_normals(m);
+  wrap_search(m);
 }

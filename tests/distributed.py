@@ -12,8 +12,8 @@ import numpy as np
 import oracle
 from dolfinx_mortar import cpp
 
-TYPE = {"tri3": 0, "tri6": 1, "quad4": 2, "quad8": 3, "quad9": 4}
-KIND = {number: kind for kind, number in TYPE.items()}
+TYPE = {kind: getattr(cpp.FacetType, kind) for kind in oracle.KINDS}
+KIND = {int(number): kind for kind, number in TYPE.items()}
 
 
 @dataclass
@@ -98,7 +98,7 @@ def distribute(
         X.append(source.x[k])
     surface = cpp.create_surface(
         comm.py2f(),
-        np.array([TYPE[source.facets[f][0]] for f in facets], np.int8),
+        [TYPE[source.facets[f][0]] for f in facets],
         np.array([local[k] for f in facets for k in source.facets[f][1]], np.int32),
         source.sign[facets].astype(np.int8),
         np.array(numbers, np.int64),

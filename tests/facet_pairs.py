@@ -56,7 +56,7 @@ class Pairing:
         )
         normals = oracle.averaged_normals(self.slave) if normals is None else normals
         nodes = np.concatenate([nodes for _, nodes in self.master.facets])
-        result = cpp.integrate_facet(
+        r = cpp.integrate_facet(
             TYPE[self.kinds[0]],
             int(self.slave.sign[0]),
             in_facet_order(self.slave),
@@ -73,15 +73,19 @@ class Pairing:
             derivatives,
             nonnegative,
         )
-        if result["covered"]:
-            M = np.zeros((n, len(self.master.x)))
-            M[:, result["master_blocks"]] = result["M"]
-            result["M"] = M
-            for name in ("gap", "coverage", "diagonal"):
-                result[name] = result[name].ravel()
+        result = {name: getattr(r, name) for name in ("covered", "area", "dropped_area", "lost")}
+        if r.covered:
+            names = ["master_blocks", "coverage", "diagonal", "D_tilde", "D", "gap", "jump"]
+            if derivatives != cpp.Derivatives.none:
+                names += ["d_force", "d_gap", "d_gap_normal"]
+            if derivatives == cpp.Derivatives.gap_and_slip:
+                names += ["d_jump"]
+            result |= {name: np.array(getattr(r, name)) for name in names}
+            result["M"] = np.zeros((n, len(self.master.x)))
+            result["M"][:, r.master_blocks] = r.M
         return result
 
-    def points(self, integration: str, degree: int, derivatives: bool = False) -> dict:
+    def points(self, integration: str, degree: int, derivatives: bool = False) -> cpp.PairPoints:
         """Quadrature points of the slave facet with its first master."""
         kind, nodes, x, sign = self.master.facet(0)
         return cpp.pair_points(

@@ -279,6 +279,9 @@ def test_bodies_beside_each_other_are_no_overlap():
     bend = np.where(np.abs(x[:, 0] - 0.5) > 0.4, 1.0, 0.0)
     blocks.u[1].x.array[2::3] = bend[: len(blocks.u[1].x.array) // 3] * x[: len(bend), 2]
     blocks.problem.solve()
+    # Nothing loads the bodies, so they end where they are at rest
+    assert blocks.contact.num_active == 0
+    assert max(np.abs(w.x.array).max(initial=0) for w in blocks.u) < 1e-10
 
 
 @pytest.mark.parametrize("step", [0.7, 0.9])
@@ -390,7 +393,8 @@ def test_unconverged_step_with_friction():
         drag(b, 0.0, -0.02)()
         drag(b, 0.05, -0.02)()
     before = blocks.snapshot()
-    assert before["energy"] > 0 and np.any(before["slip"]) or comm.size > 1
+    assert before["energy"] > 0
+    assert comm.allreduce(np.abs(before["slip"]).max(initial=0), MPI.MAX) > 0
     snes = blocks.problem.snes
     _, _, _, max_it = snes.getTolerances()
     snes.setTolerances(max_it=1)

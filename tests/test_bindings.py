@@ -182,7 +182,7 @@ def test_contact_laws():
         "z": vector,
         "normal": vector,
         "gap": scalar,
-        "motion": vector,
+        "weighted_slip": vector,
         "scale": scalar,
         "c_n": scalar,
         "c_t": scalar,
@@ -190,11 +190,11 @@ def test_contact_laws():
         "fixed": np.zeros((n, 3), np.int8),
         "friction": 0.3,
         "bound": None,
-        "forced": flags(n),
+        "forced": [cpp.Status.stick] * n,
     }
     wrong = {name: [v[:-1]] for name, v in arguments.items() if isinstance(v, np.ndarray)}
     wrong["has_multiplier"] = [flags(n + 1)]
-    wrong["forced"] += [3 * flags(n), -flags(n)]
-    wrong["motion"] += [None]
+    wrong["forced"] = [[cpp.Status.stick] * (n + 1), [3] * n, [-1] * n]
+    wrong["weighted_slip"] += [None]
     wrong["scale"] += [None]
     refuses(cpp.contact_residual, arguments, wrong)

@@ -18,14 +18,16 @@ pytestmark = pytest.mark.serial
 #: DOLFINx: forms, spaces and meshes, timers and the log.
 ROOMS = ("common", "geometry", "surface", "multiplier", "assembly", "contact", "dolfinx", "solver")
 
-#: Modules of the package, lowest first; type-only imports count too, but for the one that names
-#: the type of an interface's owner
+#: Modules and subpackages of the package, lowest first; type-only imports count too, but for the
+#: one that names the type of an interface's owner
 MODULES = (
     *("cpp", "errors", "arguments", "agreement", "interrupts", "memory", "compat", "elements"),
     *("mesh", "plotting", "parts", "forms", "state_file", "fields", "interfaces", "contact"),
     *("relocation", "checkpoint", "problem"),
 )
 ABOVE = {("interfaces", "problem"), ("checkpoint", "problem")}
+#: Subpackages, which nothing else imports: they are for users who want them
+EXTRAS = ("mesh", "plotting")
 
 
 def test_rooms():
@@ -45,27 +47,36 @@ def test_rooms():
 
 
 def imports(path):
-    """Modules of the package that a file imports."""
+    """Modules of the package, or subpackages other than its own, that a file imports."""
+    level = len(path.relative_to(PYTHON).parts)
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level == 1:
+        if isinstance(node, ast.ImportFrom) and node.level == level:
             if node.module:
-                yield node.module
+                yield node.module.split(".")[0]
             else:
                 yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            assert not node.module.startswith("dolfinx_mortar"), path
 
 
 def test_modules():
-    files = {path.stem: path for path in PYTHON.glob("*.py") if path.stem != "__init__"}
-    assert set(files) == set(MODULES) - {"cpp"}
-    for name, path in files.items():
+    files = [p for p in PYTHON.rglob("*.py") if p != PYTHON / "__init__.py"]
+    found = {path: path.relative_to(PYTHON).with_suffix("").parts[0] for path in files}
+    assert set(found.values()) == set(MODULES) - {"cpp"}
+    for path, name in found.items():
         for other in imports(path):
             if (name, other) not in ABOVE:
-                assert MODULES.index(other) < MODULES.index(name), f"{name} imports {other}"
+                assert MODULES.index(other) < MODULES.index(name), f"{path} imports {other}"
+
+
+def test_extras_are_not_imported():
+    for path in PYTHON.glob("*.py"):
+        assert not set(imports(path)) & set(EXTRAS), path
 
 
 def test_nothing_looks_into_another_object():
     """Names with an underscore are their object's; `_cpp_object` is DOLFINx's word for its own."""
-    for path in PYTHON.glob("*.py"):
+    for path in PYTHON.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr):
                 own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")

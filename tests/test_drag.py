@@ -23,8 +23,15 @@ def test_drag_and_back(demo):
         assert r["ratio"] == pytest.approx(sign, abs=1e-6)
         travel = r["displacement"] - steps[end - 2]["displacement"]
         assert r["dissipation"] == pytest.approx(r["drag_force"] * travel, rel=1e-4)
-    # Before, the drag grows from nothing, while the zone that sticks shrinks
+    # Coulomb's bound holds in all steps, and sliding brings each node's traction into line with
+    # the motion, so that the drag comes nearer to it with each of them
+    assert max(abs(s["ratio"]) for s in steps) < 1 + 1e-10
     pressed, turn = ends[0], ends[1]
+    for part in (steps[pressed:turn], steps[turn:]):
+        left = np.array([1 - abs(s["ratio"]) for s in part if s["stick"] == 0])
+        assert len(left) > 3 and left[0] < 0.02
+        assert np.all(left[1:] < left[:-1] / 3)
+    # Before, the drag grows from nothing, while the zone that sticks shrinks
     assert abs(steps[pressed - 1]["ratio"]) < 1e-6
     for part in (steps[pressed:turn], steps[turn:]):
         sticking = [s for s in part if s["stick"] > 0]

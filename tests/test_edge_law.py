@@ -40,7 +40,7 @@ def residual(s, friction=None, tresca=None, damped=False, fixed=None):
         np.zeros((m, 3), dtype=np.int8) if fixed is None else fixed,
         friction or 0.0,
         tresca,
-        None,
+        [],
         damped,
         None,
         np.zeros(m, dtype=np.int64),

@@ -110,7 +110,7 @@ def flat_pair(kind):
 @pytest.mark.parametrize("degree", [1, 2, 4, 7, 12])
 def test_degree_of_quadrature(kind, integration, degree):
     p = flat_pair(kind).points(integration, degree)
-    x, y = p["xi"].T
+    x, y = p.xi.T
     for a, b in itertools.product(range(degree + 1), repeat=2):
         if a + b > degree:
             continue
@@ -119,4 +119,4 @@ def test_degree_of_quadrature(kind, integration, degree):
             exact = factorial[0] * factorial[1] / factorial[2]
         else:
             exact = 1 / ((a + 1) * (b + 1))
-        assert p["w"] @ (x**a * y**b) == pytest.approx(exact, rel=1e-12)
+        assert p.w @ (x**a * y**b) == pytest.approx(exact, rel=1e-12)

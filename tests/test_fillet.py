@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_mortar import compat
+from versions import gmsh_reader
 
 gmsh = pytest.importorskip("gmsh")
 
@@ -50,7 +50,7 @@ def slice_with_fillet():
         model.addPhysicalGroup(2, surfaces, tag)
     model.mesh.generate(3)
     model.mesh.setOrder(2)
-    domain, _, tags = compat.model_to_mesh(model, comm)
+    domain, _, tags = gmsh_reader.model_to_mesh(model, comm, 0, gdim=3)[:3]
     gmsh.finalize()
     return domain, tags
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
-from dolfinx_mortar import compat
+from versions import gmsh_reader
 
 gmsh = pytest.importorskip("gmsh")
 
@@ -39,7 +39,7 @@ def quarter_cylinder(size):
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     model.mesh.generate(3)
     model.mesh.setOrder(2)
-    domain, _, tags = compat.model_to_mesh(model, comm)
+    domain, _, tags = gmsh_reader.model_to_mesh(model, comm, 0, gdim=3)[:3]
     gmsh.finalize()
     return domain, tags
 

@@ -20,7 +20,7 @@ def nodal_values(contact, z=None, evaluation=None):
     z = nodal.multipliers(contact, z)
     normal = evaluation.configuration.normals[: len(z)]
     pressure = np.sum(z * normal, axis=1)
-    motion = evaluation.motion
+    motion = evaluation.weighted_slip
     slip = np.sum(motion * normal, axis=1)[:, None] * normal - motion
     tangential = z - pressure[:, None] * normal
     return pressure[closed], tangential[closed], slip[closed], status[closed]

@@ -41,6 +41,27 @@ def test_pressure_and_radius(demo, measured, material):
     assert np.abs(force + master_force).max() < 1e-10 * force[2]
 
 
+@pytest.mark.parametrize("p", [0.0125, 0.05, 0.2])
+def test_hertz_curve(demo, p):
+    """Linear material, loads in the ratio 1 : 4 : 16: Hertz's pressure at all nodes, force, radius.
+
+    Meshes are alike in units of Hertz's radius, which is 5 to 13 % of the hemisphere's, so that the
+    hemisphere is nearly the half space of the theory.
+    """
+    domain, tags, h = demo.levelled_mesh("hex20", p, 1, False)
+    u, contact, _, _ = demo.solve(domain, tags, "hex20", "linear", p)
+    largest, rho = demo.hertz(p)
+    r, pressure, active = demo.nodal_values(u, contact).T
+    inside = r < rho - h  # further out the facet with the kink at the edge has its share
+    assert np.count_nonzero(inside) > 10
+    curve = largest * np.sqrt(1 - (r[inside] / rho) ** 2)
+    assert np.abs(pressure[inside] - curve).max() < 0.05 * largest
+    assert pressure.max() == pytest.approx(largest, rel=0.01)
+    assert abs((r[active > 0].max() + r[active == 0].min()) / 2 - rho) < h
+    # The mesh is a quarter
+    assert contact.force[2] == pytest.approx(np.pi * demo.R**2 * p / 4, rel=1e-3)
+
+
 @pytest.mark.parametrize("element", ["hex8", "hex27", "tet10"])
 def test_elements(measured, element):
     result, *_ = measured(element, "neo-hooke")

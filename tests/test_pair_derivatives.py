@@ -54,7 +54,7 @@ def test_points(pairing, integration):
     """Places on both facets and weights."""
     p = generic(pairing, integration)
     first = next(
-        f for f in range(len(p.master.facets)) if len(only(p, f).points(integration, 3)["w"]) > 0
+        f for f in range(len(p.master.facets)) if len(only(p, f).points(integration, 3).w) > 0
     )
     p = only(p, first)
     rng = np.random.default_rng(1)
@@ -62,11 +62,11 @@ def test_points(pairing, integration):
 
     def table(q):
         r = q.points(integration, 3)
-        return np.column_stack([r["xi"], r["eta"], r["w"]])
+        return np.column_stack([r.xi, r.eta, r.w])
 
     for _ in range(2):
         direction, difference = along(p, table, rng)
-        assert agree(r["d"] @ direction.ravel(), difference)
+        assert agree(r.d @ direction.ravel(), difference)
 
 
 def only(p, f):
@@ -109,7 +109,7 @@ def check(p, multiplier, left=0, **same):
 
     def values(q):
         s = q.integrate(multiplier, normals=normals, **same)
-        return np.vstack([s["D"].T @ z, -s["M"].T @ z, s["gap"][:, None] * [1, 0, 0], s["offset"]])
+        return np.vstack([s["D"].T @ z, -s["M"].T @ z, s["gap"][:, None] * [1, 0, 0], s["jump"]])
 
     direction, difference = along(p, values, rng)
     d = np.vstack([direction[:n], direction[n:][blocks]]).ravel()
@@ -117,7 +117,7 @@ def check(p, multiplier, left=0, **same):
     force[np.concatenate([np.arange(n), n + blocks])] = (r["d_force"] @ d).reshape(-1, 3)
     assert agree(force, difference[: n + m])
     assert agree(r["d_gap"] @ d, difference[n + m : 2 * n + m, 0])
-    assert agree((r["d_offset"] @ d).reshape(-1, 3), difference[2 * n + m :])
+    assert agree((r["d_jump"] @ d).reshape(-1, 3), difference[2 * n + m :])
 
     turn = rng.normal(size=(n, 3))
     difference, _ = oracle.derivative(
@@ -137,5 +137,5 @@ def test_values_do_not_depend_on_derivatives(integration):
         p = generic(pairing, integration)
         plain = p.integrate("dual", integration)
         full = p.integrate("dual", integration, derivatives=cpp.Derivatives.gap_and_slip)
-        for name in ("D", "M", "gap", "offset", "coverage"):
+        for name in ("D", "M", "gap", "jump", "coverage"):
             assert np.allclose(plain[name], full[name], rtol=1e-12, atol=1e-15)

@@ -34,7 +34,7 @@ def test_places_do_not_matter(pairing, integration):
     options = {"z": z, "derivatives": cpp.Derivatives.gap_and_slip}
     expected = moved(p, 0.0).integrate("dual", integration, **options)
     far = moved(p, [3e8, -1e8, 2e8]).integrate("dual", integration, **options)
-    for name in ("area", "D", "M", "gap", "offset", "d_force", "d_gap", "d_offset"):
+    for name in ("area", "D", "M", "gap", "jump", "d_force", "d_gap", "d_jump"):
         value, other = np.asarray(expected[name]), np.asarray(far[name])
         assert np.abs(value - other).max() < 1e-11 * np.abs(value).max(), name
 

@@ -164,17 +164,36 @@ def test_nothing_is_missed(kinds):
     assert len(met) > 10 and met <= found
 
 
-@pairings
-def test_bulging_facets_are_in_their_boxes(kinds):
-    """Facets bulge beyond their nodes; boxes of control points hold them."""
-    slave, master = sources(kinds, 4)
-    for surface in (slave, master):
-        for f in range(len(surface.facets)):
-            kind, _, x, _ = surface.facet(f)
-            xi = oracle.facet_rule(kind, 8)[0]
-            points = oracle.evaluate(kind, x, xi)[0]
-            lower, upper = bounding_box(kind, x)
-            assert (points > lower - 1e-14).all() and (points < upper + 1e-14).all()
+#: Heights of the nodes of facets that bulge beyond these
+BULGES = {
+    "tri6": [0, 0, 0, 0.3, 0.3, 0.3],
+    "quad8": [0, 0, 0, 0, 0.1, 0.1, 0.1, 0.1],
+    "quad9": 0.3 * (oracle.REFERENCE_NODES["quad9"][:, 0] > 0),
+}
+
+
+@pytest.mark.parametrize("kind", BULGES)
+@pytest.mark.parametrize("side", ["slave", "master"])
+def test_bulging_facets_are_found(kind, side):
+    """A facet that is near only where it bulges, and whose nodes are further than the distance."""
+    x = np.column_stack([oracle.REFERENCE_NODES[kind], BULGES[kind]])
+    top = oracle.evaluate(kind, x, oracle.facet_rule(kind, 30)[0])[0][:, 2].max()
+    assert top > x[:, 2].max() + 0.03
+    bulging = oracle.Surface(x, [(kind, np.arange(len(x)))], np.ones(1))
+    flat = oracle.patch("quad4", (1, 1), lower=(-1, -1), upper=(2, 2), outward=-1)
+    flat.x[:, 2] = top + 0.01
+    if side == "master":
+        bulging.sign, flat.sign = -bulging.sign, -flat.sign
+        bulging.x[:, 2] *= -1
+        flat.x[:, 2] *= -1
+        s, m = deal(flat, bulging)
+    else:
+        s, m = deal(bulging, flat)
+    assert pairs(s, m, find(s, m, 0.02)) == {(0, 0)}
+    if side == "slave":
+        flat.x[:, 2] += 10
+        s, m = deal(bulging, flat)
+        assert not pairs(s, m, find(s, m, 0.02))
 
 
 @pairings

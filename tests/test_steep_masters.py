@@ -57,11 +57,11 @@ def test_whole_parts_are_left_out(pairing, integration):
         kept = points(slave, turned(pairing[1], limit - 1), integration, max_angle=limit)
         left_out = points(slave, turned(pairing[1], limit + 1), integration, max_angle=limit)
         # The points of a slave facet may miss one so steep
-        assert len(kept["w"]) > 0 or (integration == "element" and limit > 70)
-        assert kept["dropped_area"] < 1e-12
-        assert len(left_out["w"]) == 0
+        assert len(kept.w) > 0 or (integration == "element" and limit > 70)
+        assert kept.dropped_area < 1e-12
+        assert len(left_out.w) == 0
         everything = points(slave, turned(pairing[1], limit + 1), integration, max_angle=89.9)
-        assert left_out["dropped_area"] == pytest.approx(everything["w"].sum(), rel=1e-10)
+        assert left_out.dropped_area == pytest.approx(everything.w.sum(), rel=1e-10)
 
 
 @pytest.mark.serial
@@ -75,13 +75,13 @@ def test_points_lie_on_the_master(pairing):
         master = turned(pairing[1], rng.uniform(0, 89), 0.1, seed)
         for integration in INTEGRATION:
             p = points(slave, master, integration)
-            eta = p["eta"]
+            eta = p.eta
             beyond = np.maximum(-eta.min(axis=1, initial=0), 0)
             inside = eta.sum(axis=1) if pairing[1].startswith("tri") else eta.max(axis=1, initial=0)
             assert np.maximum(beyond, inside - 1).max(initial=0) <= 0.1 + 1e-12
-            assert np.all(p["w"] > 0)
-            kept += p["w"].sum()
-            lost += p["dropped_area"]
+            assert np.all(p.w > 0)
+            kept += p.w.sum()
+            lost += p.dropped_area
     assert kept > 0 and lost > 0
 
 

@@ -144,9 +144,10 @@ def test_bad_arrays():
     last = comm.rank == comm.size - 1
 
     def create(types, blocks, sign, numbers, owned, owners, X):
-        arrays = (np.array(types, np.int8), np.array(blocks, np.int32), np.array(sign, np.int8))
-        rest = (np.array(numbers, np.int64), owned, np.array(owners, np.int32), np.array(X, float))
-        return cpp.create_surface(comm.py2f(), *arrays, *rest)
+        types = [cpp.FacetType(t) for t in types]
+        arrays = (np.array(blocks, np.int32), np.array(sign, np.int8), np.array(numbers, np.int64))
+        rest = (owned, np.array(owners, np.int32), np.array(X, float))
+        return cpp.create_surface(comm.py2f(), types, *arrays, *rest)
 
     numbers = 3 * comm.rank + np.arange(3)
     good = ([0], [0, 1, 2], [1], numbers, 3, [], np.eye(3))

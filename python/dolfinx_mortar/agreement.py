@@ -12,7 +12,7 @@ from typing import Any
 from mpi4py import MPI
 
 
-def common(comms: Sequence[MPI.Comm]) -> MPI.Comm:
+def common(comms: Sequence[MPI.Intracomm]) -> MPI.Intracomm:
     """The communicator that meshes share.
 
     Raises:
@@ -29,7 +29,7 @@ def common(comms: Sequence[MPI.Comm]) -> MPI.Comm:
 
 
 @contextmanager
-def alike(comm: MPI.Comm | None) -> Iterator[dict[str, Any]]:
+def alike(comm: MPI.Intracomm | None) -> Iterator[dict[str, Any]]:
     """A block that ranks leave alike: what one raises in it, all raise. Collective.
 
     Nothing inside may be collective: a rank that raises would let the others wait for it.
@@ -60,13 +60,6 @@ def alike(comm: MPI.Comm | None) -> Iterator[dict[str, Any]]:
             error = gathered[first][0]
     if error is not None:
         raise error
-
-
-def raise_together(comm: MPI.Comm, error: BaseException | None) -> None:
-    """Raise an error on all ranks where one rank has one. Collective."""
-    with alike(comm):
-        if error is not None:
-            raise error
 
 
 def _portable(error: BaseException | None) -> BaseException | None:

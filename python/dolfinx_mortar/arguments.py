@@ -1,6 +1,9 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Checks of what a user hands over, argument by argument."""
+"""Checks of what a user hands over, argument by argument.
+
+What is asked for is returned. If something else is given, a ValueError says what it must be.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from dolfinx import fem
 
 
 def as_list(x: Any) -> list:
-    """The items of a list or tuple, or the one item that x is."""
+    """Return the items of a list or tuple, or the one item that x is."""
     return list(x) if isinstance(x, list | tuple) else [x]
 
 
@@ -23,26 +26,19 @@ def _is_number(value: Any) -> bool:
 
 
 def number(name: str, value: Any) -> float:
-    """A finite number.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return a finite number."""
     if not _is_number(value):
         raise ValueError(f"{name} is {value!r}, but must be a finite number.")
     return float(value)
 
 
 def positive(name: str, value: Any, what: str = "") -> float | None:
-    """A positive number, or None.
+    """Return a positive number, or None.
 
     Args:
         name: Name of the argument.
         value: What is given.
         what: What the number is, with its unit.
-
-    Raises:
-        ValueError: It is something else.
     """
     if value is None:
         return None
@@ -54,11 +50,7 @@ def positive(name: str, value: Any, what: str = "") -> float | None:
 
 
 def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
-    """A whole number within bounds.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return a whole number within bounds."""
     if not isinstance(value, int | np.integer) or isinstance(value, bool):
         raise ValueError(f"{name} is {value!r}, but must be a whole number.")
     if value < low or (high is not None and value > high):
@@ -69,11 +61,7 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
 
 
 def choice(name: str, value: Any, options: Iterable[str]) -> str:
-    """One of several words.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return one of several words."""
     options = list(options)
     if not isinstance(value, str) or value not in options:
         raise ValueError(
@@ -83,16 +71,12 @@ def choice(name: str, value: Any, options: Iterable[str]) -> str:
 
 
 def value(x: float | fem.Constant | None) -> float | None:
-    """The present value of a number or a constant."""
+    """Return the present value of a number or a constant."""
     return float(x.value) if isinstance(x, fem.Constant) else x
 
 
 def bound(name: str, x: Any) -> float | fem.Constant | None:
-    """A finite number that is not negative, a constant whose value is one, or None.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return a finite number that is not negative, a constant whose value is one, or None."""
     if x is None:
         return None
     constant = isinstance(x, fem.Constant)
@@ -105,11 +89,7 @@ def bound(name: str, x: Any) -> float | fem.Constant | None:
 
 
 def direction(normal: Any) -> npt.NDArray[np.float64] | None:
-    """A unit vector, or None.
-
-    Raises:
-        ValueError: It is something else.
-    """
+    """Return a unit vector, or None."""
     if normal is None:
         return None
     try:

@@ -102,7 +102,9 @@ def _multipliers(i: Interface, z: npt.NDArray) -> npt.NDArray[np.float64]:
     return z.reshape(-1, 3)[first : first + i.data.slave.num_owned]
 
 
-def _slots(problem: ContactProblem, i: Interface, body: int):
+def _slots(
+    problem: ContactProblem, i: Interface, body: int
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.int32], npt.NDArray[np.int64]]:
     """Where the owned slave nodes of an interface are among the values of a body.
 
     Returns:

@@ -7,9 +7,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx.mesh import MeshTags
 
 from . import agreement, arguments, cpp
 from .interfaces import Interface
@@ -61,11 +64,11 @@ class Contact(Interface):
 
     def __init__(
         self,
-        V=None,
-        facet_tags=None,
+        V: fem.FunctionSpace | Sequence[fem.FunctionSpace] | None = None,
+        facet_tags: MeshTags | Sequence[MeshTags] | None = None,
         *,
-        slave,
-        master,
+        slave: int | Sequence[tuple],
+        master: int | Sequence[tuple],
         friction: float | fem.Constant | None = None,
         tresca: float | fem.Constant | None = None,
         c_n: float | None = None,
@@ -159,7 +162,7 @@ class Contact(Interface):
             self._geometry == "reference",
             self.present_friction(),
             self._feature_angle,
-            None if self._normal is None else self._normal.tolist(),
+            None if self._normal is None else [float(n) for n in self._normal],
             cpp.InitialActive.given if callable(choice) else _CHOICES[choice],
             _flags(choice, self.comm) if callable(choice) else None,
         )
@@ -211,34 +214,34 @@ class Contact(Interface):
     def num_active(self) -> int:
         """Number of slave nodes in contact, on all ranks. Collective."""
         self.evaluation  # noqa: B018
-        return self._owner().comm.allreduce(int(np.sum(self.state.status != 0)))
+        return self._owner().comm.allreduce(int(np.sum(self.state.status != cpp.Status.open)))
 
-    def _resultant(self, which: int) -> npt.NDArray[np.float64]:
+    def _resultants(self) -> cpp.Resultants:
         self.evaluation  # noqa: B018
-        return np.array(self._cpp.resultants(self._index)[which])
+        return self._cpp.resultants(self._index)
 
     @property
     def force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the slave body, shape (3,). Collective."""
-        return self._resultant(0)
+        return np.array(self._resultants().slave_force)
 
     @property
     def master_force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the master body, shape (3,). Collective."""
-        return self._resultant(1)
+        return np.array(self._resultants().master_force)
 
     @property
     def moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the slave, shape (3,). Collective."""
-        return self._resultant(2)
+        return np.array(self._resultants().slave_moment)
 
     @property
     def master_moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the master, shape (3,). Collective."""
-        return self._resultant(3)
+        return np.array(self._resultants().master_moment)
 
 
-def _flags(choice: Callable, comm) -> Callable[[npt.NDArray], npt.NDArray[np.int8]]:
+def _flags(choice: Callable, comm: MPI.Intracomm) -> Callable[[npt.NDArray], npt.NDArray[np.int8]]:
     """A function of positions, shape (n, 3), that returns what a user's function chooses.
 
     It raises on all ranks where the user's function raises, or returns no flags, on one.
@@ -246,7 +249,7 @@ def _flags(choice: Callable, comm) -> Callable[[npt.NDArray], npt.NDArray[np.int
 
     def flags(x: npt.NDArray[np.float64]) -> npt.NDArray[np.int8]:
         n = len(x)
-        chosen = np.zeros(n, dtype=bool)
+        chosen: npt.NDArray = np.zeros(n, dtype=bool)
         with agreement.alike(comm):
             if n > 0:
                 given = choice(x.T.copy())

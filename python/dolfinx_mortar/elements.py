@@ -10,8 +10,6 @@ import basix
 import basix.ufl
 import numpy as np
 
-__all__ = ["hex20", "is_hex20"]
-
 
 @cache
 def _hex20_scalar() -> basix.ufl._ElementBase:
@@ -72,9 +70,3 @@ def hex20(shape: tuple[int, ...] | None = None) -> basix.ufl._ElementBase:
     if shape is None or shape == ():
         return scalar
     return basix.ufl.blocked_element(scalar, shape=tuple(shape))
-
-
-def is_hex20(element: basix.ufl._ElementBase) -> bool:
-    """Whether a UFL element, scalar or blocked, is the one of :func:`hex20`."""
-    scalar = element.sub_elements[0] if element.block_size > 1 else element
-    return scalar == _hex20_scalar()

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy.typing as npt
 from dolfinx import fem
 
 from . import cpp
@@ -45,17 +44,14 @@ class Fields:
         functions = self._functions[name]
         return functions[0] if len(functions) == 1 else functions
 
-    def update(self, results: Mapping[str, tuple[npt.NDArray, npt.NDArray]]) -> None:
-        """Let all functions show results; zero for those that are not there. Collective.
-
-        Args:
-            results: For each name the displacement nodes, and a row of values for each.
-        """
+    def update(self, results: Sequence[cpp.Field]) -> None:
+        """Let all functions show results; zero for those that are not there. Collective."""
+        given = {r.name: r for r in results}
         for name, functions in self._functions.items():
             for (start, size), f in zip(self._parts, functions, strict=True):
                 f.x.array[:] = 0.0
-                if name in results:
-                    nodes, values = results[name]
+                if name in given:
+                    nodes, values = given[name].nodes, given[name].values
                     mine = (nodes >= start) & (nodes < start + size)
                     rows = f.x.array.reshape(-1, values.shape[1])
                     rows[nodes[mine] - start] = values[mine]

@@ -1,6 +1,6 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Forms of the bodies: what they must be."""
+"""Forms of the bodies: what they must be. If they are not, a ValueError says what and why."""
 
 from __future__ import annotations
 
@@ -24,11 +24,7 @@ _CURES = {
 
 
 def check_functions(functions: Sequence[Any]) -> None:
-    """Refuse displacements that are none.
-
-    Raises:
-        ValueError: Something else than functions on different spaces.
-    """
+    """Refuse displacements that are none."""
     for u in functions:
         if not isinstance(u, fem.Function):
             raise ValueError(
@@ -53,9 +49,6 @@ def check(name: str, forms: Sequence[Any], functions: Sequence[fem.Function]) ->
 
     Returns:
         For each form, what is the same on all ranks.
-
-    Raises:
-        ValueError: The forms do not fit; the message says which and why.
     """
     if len(forms) != len(functions):
         raise ValueError(
@@ -110,11 +103,7 @@ def _check_form(name: str, body: int, form: Any, u: fem.Function) -> str:
 
 
 def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list[ufl.Form]:
-    """Derivatives of residuals by the displacements.
-
-    Raises:
-        ValueError: A form is compiled already.
-    """
+    """Derivatives of residuals by the displacements."""
     if any(isinstance(f, fem.Form) for f in forms):
         raise ValueError(
             "F is compiled, so that it cannot be differentiated any more: give the UFL form, or "

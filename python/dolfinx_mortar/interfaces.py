@@ -139,10 +139,8 @@ class Interface:
     def describe(self) -> cpp.InterfaceOptions:
         """The interface as the C++ library takes it."""
         return cpp.InterfaceOptions(
-            *[
-                [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in side]
-                for side in (self.slave, self.master)
-            ],
+            [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.slave],
+            [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.master],
             self._options,
             self._min_coverage,
         )
@@ -248,12 +246,12 @@ class Interface:
     @property
     def D(self) -> PETSc.Mat:
         """D_jk = ∫ Φ_j N_k (equation 3.5): multiplier dofs by displacement dofs. Collective."""
-        return self._maker().mortar_matrix(self._index, "D")
+        return self._maker().D(self._index)
 
     @property
     def M(self) -> PETSc.Mat:
         """M_jl = ∫ Φ_j N_l∘P (equation 3.6): multiplier dofs by displacement dofs. Collective."""
-        return self._maker().mortar_matrix(self._index, "M")
+        return self._maker().M(self._index)
 
     @property
     def T(self) -> PETSc.Mat:
@@ -281,11 +279,7 @@ class Interface:
         Raises:
             RuntimeError: The multipliers are not ``"dual"``.
         """
-        inverse, M = self.D_inverse, self.M
-        P = inverse.matMult(M)
-        inverse.destroy()
-        M.destroy()
-        return P
+        return self._maker().projection(self._index)
 
 
 class Tie(Interface):

@@ -12,6 +12,7 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from mpi4py import MPI
 
@@ -25,11 +26,11 @@ class Interrupts:
         handler: What Python would have called at once.
     """
 
-    def __init__(self, handler):
+    def __init__(self, handler: Any):
         self._handler = handler
         self._pending = False
 
-    def note(self, *_) -> None:
+    def note(self, *_: object) -> None:
         """Remember that there was one."""
         self._pending = True
 
@@ -39,7 +40,7 @@ class Interrupts:
             self._pending = False
             self._handler(signal.SIGINT, None)
 
-    def handle_together(self, comm: MPI.Comm) -> None:
+    def handle_together(self, comm: MPI.Intracomm) -> None:
         """The same, and raise on all ranks what it raises on one. Collective."""
         with agreement.alike(comm):
             self.handle()

@@ -19,13 +19,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 _T = TypeVar("_T", bound="Destroyable")
-_communicators: list[MPI.Comm] = []
+_communicators: list[MPI.Intracomm] = []
 _counter = itertools.count()
-#: Owner, and its PETSc objects, by communicator and number
-_kept: dict[int, dict[int, tuple[weakref.ref, list[Any]]]] = {}
+#: Owner, and what holds its PETSc objects, by communicator and number
+_kept: dict[int, dict[int, tuple[weakref.ref, Handle]]] = {}
 
 
-def communicator(comm: MPI.Comm) -> MPI.Comm:
+def communicator(comm: MPI.Intracomm) -> MPI.Intracomm:
     """The communicator, of the same ranks in the same order, for all objects. Collective."""
     for known in _communicators:
         if MPI.Comm.Compare(known, comm) in (MPI.IDENT, MPI.CONGRUENT):
@@ -34,19 +34,23 @@ def communicator(comm: MPI.Comm) -> MPI.Comm:
     return _communicators[-1]
 
 
-def keep(owner: object, comm: MPI.Comm, objects: Sequence[Any]) -> None:
-    """Keep PETSc objects until all ranks have forgotten their owner. Collective.
+def keep(owner: object, comm: MPI.Intracomm, obj: Any) -> Handle:
+    """Keep what holds PETSc objects until all ranks have forgotten its owner. Collective.
 
     Args:
-        owner: What needs the objects.
+        owner: What needs it.
         comm: From :func:`communicator`.
-        objects: The objects, of any communicator of the same ranks.
+        obj: What is kept.
+
+    Returns:
+        What holds it; to destroy that is to give it up.
     """
-    number = comm.bcast(next(_counter))
-    _kept.setdefault(id(comm), {})[number] = weakref.ref(owner), list(objects)
+    handle = Handle(obj)
+    _kept.setdefault(id(comm), {})[comm.bcast(next(_counter))] = weakref.ref(owner), handle
+    return handle
 
 
-def free_forgotten(comm: MPI.Comm, others: Sequence[MPI.Comm] = ()) -> None:
+def free_forgotten(comm: MPI.Intracomm, others: Sequence[MPI.Intracomm] = ()) -> None:
     """Free PETSc objects that Python has forgotten on all ranks. Collective.
 
     Args:
@@ -57,8 +61,7 @@ def free_forgotten(comm: MPI.Comm, others: Sequence[MPI.Comm] = ()) -> None:
     kept = _kept.get(id(comm), {})
     mine = {number for number, (owner, _) in kept.items() if owner() is None}
     for number in sorted(set.intersection(*comm.allgather(mine))):
-        for obj in kept.pop(number)[1]:
-            obj.destroy()
+        kept.pop(number)[1].destroy()
     if comm.size > 1:  # one rank alone frees at once what it forgets
         for c in (comm, *others):
             PETSc.garbage_cleanup(c)
@@ -71,8 +74,8 @@ class Handle:
         object: The object, or None.
     """
 
-    def __init__(self, obj):
-        self.object = obj
+    def __init__(self, obj: Any):
+        self.object: Any = obj
 
     def destroy(self) -> None:
         """Give up the object."""
@@ -86,7 +89,7 @@ class Destroyable:
         comm: From :func:`communicator`.
     """
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     _destroyed = False
 
     def _free(self) -> None:

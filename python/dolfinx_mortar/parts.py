@@ -1,6 +1,9 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Tagged facets that make up one side of an interface."""
+"""Tagged facets that make up one side of an interface.
+
+If something does not fit, a ValueError says what.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ class Part(NamedTuple):
     tag: int
 
 
-def communicator(*arguments: Any) -> MPI.Comm | None:
+def communicator(*arguments: Any) -> MPI.Intracomm | None:
     """What the spaces among (nested) arguments have in common; None where there is none."""
     found, left = [], list(arguments)
     while left:
@@ -44,9 +47,6 @@ def read(V: Any, facet_tags: Any, side: int, which: Any, name: str) -> list[Part
         side: 0 for the slave, 1 for the master.
         which: Tag, or a list of ``(V, facet_tags, tag)``.
         name: ``"slave"`` or ``"master"``.
-
-    Raises:
-        ValueError: Something does not fit.
     """
     if isinstance(which, list | tuple):
         if any(not isinstance(p, list | tuple) or len(p) != 3 for p in which):
@@ -72,11 +72,7 @@ def read(V: Any, facet_tags: Any, side: int, which: Any, name: str) -> list[Part
 
 
 def check_sides(slave: list[Part], master: list[Part]) -> None:
-    """Refuse a surface that is on both sides.
-
-    Raises:
-        ValueError: It is.
-    """
+    """Refuse a surface that is on both sides."""
     for a in slave:
         for b in master:
             if a.tag == b.tag and a.tags is b.tags:

@@ -95,7 +95,8 @@ class ContactProblem(memory.Destroyable):
         try:
             problem = cpp.ContactProblem(
                 self.comm.py2f(),
-                *[[fem.form(f, **form_options)._cpp_object for f in form] for form in (F, J)],
+                [fem.form(f, **form_options)._cpp_object for f in F],
+                [fem.form(f, **form_options)._cpp_object for f in J],
                 [f._cpp_object for f in self._functions],
                 [bc._cpp_object for bc in self.bcs],
                 [i.describe() for i in self._interfaces],
@@ -110,8 +111,7 @@ class ContactProblem(memory.Destroyable):
             raise ValueError(
                 f"PETSc does not accept petsc_options={petsc_options}: {error}"
             ) from error
-        self._handle = memory.Handle(problem)
-        memory.keep(self, self.comm, [self._handle])
+        self._handle = memory.keep(self, self.comm, problem)
         # Nothing can fail any more: before, interfaces are free for another attempt
         for index, i in enumerate(self._interfaces):
             i.attach(self, index)
@@ -311,7 +311,7 @@ class ContactProblem(memory.Destroyable):
         self._update_fields()
 
 
-# -- What a problem is given -----------------------------------------------------------
+# -- What a problem is given: checked, or a ValueError says what does not fit --------------
 
 
 def _poll(problem: ContactProblem | None) -> None:
@@ -326,11 +326,7 @@ def _as_dict(i: cpp.Iterate) -> dict[str, Any]:
 
 
 def _petsc_options(prefix: Any, options: Any) -> dict[str, str]:
-    """PETSc options as text.
-
-    Raises:
-        ValueError: A name or the prefix is no text.
-    """
+    """Return PETSc options as text."""
     options = {} if options is None else options
     if not isinstance(prefix, str):
         raise ValueError(f"petsc_options_prefix is {prefix!r}, but must be a string.")
@@ -355,11 +351,7 @@ def _petsc_options(prefix: Any, options: Any) -> dict[str, str]:
 def _check_forms(
     F: Any, J: Any, functions: Sequence[fem.Function], same: dict[str, Any]
 ) -> tuple[list, list]:
-    """Residual and Jacobian forms, one of each for each body.
-
-    Raises:
-        ValueError: They do not fit.
-    """
+    """Return residual and Jacobian forms, one of each for each body."""
     residuals = as_list(F)
     same["form F (its signature)"] = forms.check("F", residuals, functions)
     tangents = forms.derivatives(residuals, functions) if J is None else as_list(J)
@@ -368,11 +360,7 @@ def _check_forms(
 
 
 def _check_conditions(bcs: Any, same: dict[str, Any]) -> list[fem.DirichletBC]:
-    """Dirichlet conditions.
-
-    Raises:
-        ValueError: They are something else.
-    """
+    """Return Dirichlet conditions."""
     bcs = [] if bcs is None else as_list(bcs)
     for bc in bcs:
         if not isinstance(bc, fem.DirichletBC):
@@ -385,11 +373,7 @@ def _check_conditions(bcs: Any, same: dict[str, Any]) -> list[fem.DirichletBC]:
 
 
 def _check_interfaces(interfaces: Any, same: dict[str, Any]) -> tuple[Interface, ...]:
-    """Interfaces that are in no problem yet.
-
-    Raises:
-        ValueError: They are something else, or taken.
-    """
+    """Return interfaces that are in no problem yet."""
     interfaces = as_list(interfaces)
     for k, i in enumerate(interfaces):
         if not isinstance(i, Interface):
@@ -410,12 +394,8 @@ def _check_interfaces(interfaces: Any, same: dict[str, Any]) -> tuple[Interface,
     return tuple(interfaces)
 
 
-def _check_path(comm: MPI.Comm, path: Any) -> None:
-    """Refuse what names no file, or not the same one on all ranks. Collective.
-
-    Raises:
-        ValueError: It does.
-    """
+def _check_path(comm: MPI.Intracomm, path: Any) -> None:
+    """Refuse what names no file, or not the same one on all ranks. Collective."""
     with agreement.alike(comm) as same:
         if not isinstance(path, str | os.PathLike):
             raise ValueError(f"path is {path!r}, but must be a string or a Path.")

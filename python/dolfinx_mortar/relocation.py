@@ -60,20 +60,20 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
         if part.V not in spaces:
             spaces.append(part.V)
     comm = memory.communicator(tie.comm)
-    largest, motion, *positions = cpp.relocate(
+    relocation = cpp.relocate(
         comm.py2f(),
         [V._cpp_object for V in spaces],
         tie.describe(),
         [bc._cpp_object for bc in bcs],
         limit,
     )
-    tie.positions = positions[0], positions[1]
+    tie.positions = relocation.x_slave, relocation.x_master
     start = 0
     for V in spaces:
         n = V.dofmap.index_map.size_local
-        _move_mesh(V, motion[start : start + n])
+        _move_mesh(V, relocation.motion[start : start + n])
         start += n
-    return largest
+    return relocation.largest
 
 
 def _move_mesh(V: fem.FunctionSpace, motion: npt.NDArray[np.float64]) -> None:

@@ -44,7 +44,7 @@ class Block(NamedTuple):
     values: npt.NDArray[np.float64]
 
 
-def _checksum(comm: MPI.Comm, block: Block) -> int:
+def _checksum(comm: MPI.Intracomm, block: Block) -> int:
     """Checksum of a block, the same for any partition. Collective."""
     values = np.ascontiguousarray(block.values)
     # The number of a record takes part, so that records in wrong places are noticed
@@ -61,7 +61,7 @@ def _header(description: dict[str, Any]) -> bytes:
     return f"{_MAGIC} {_VERSION} {size:08d} {zlib.crc32(body):08x}\n".encode() + body
 
 
-def _on_root(comm: MPI.Comm, action: Callable[[], Any]) -> tuple[Any, str]:
+def _on_root(comm: MPI.Intracomm, action: Callable[[], Any]) -> tuple[Any, str]:
     """Do something on rank 0; result and message of what the system refused, on all ranks."""
     result, message = None, ""
     if comm.rank == 0:
@@ -72,11 +72,13 @@ def _on_root(comm: MPI.Comm, action: Callable[[], Any]) -> tuple[Any, str]:
     return comm.bcast((result, message))
 
 
-def _any_message(comm: MPI.Comm, message: str) -> str:
+def _any_message(comm: MPI.Intracomm, message: str) -> str:
     return max(comm.allgather(message))
 
 
-def _transfer(comm: MPI.Comm, path: Path, mode: int, start: int, blocks: Sequence[Block]) -> str:
+def _transfer(
+    comm: MPI.Intracomm, path: Path, mode: int, start: int, blocks: Sequence[Block]
+) -> str:
     """Write or read blocks, one after the other; a message where that fails on any rank."""
     message = ""
     try:
@@ -93,7 +95,7 @@ def _transfer(comm: MPI.Comm, path: Path, mode: int, start: int, blocks: Sequenc
         order = np.argsort(b.cells)
         record = np.ascontiguousarray(b.values[order])
         kind = MPI.DOUBLE.Create_contiguous(width).Commit()
-        view = kind.Create_indexed_block(1, b.cells[order].astype(np.int32)).Commit()
+        view = kind.Create_indexed_block(1, [int(c) for c in b.cells[order]]).Commit()
         try:
             file.Set_view(start, MPI.DOUBLE, view)
             (file.Write_all if mode == MPI.MODE_WRONLY else file.Read_all)(record)
@@ -127,7 +129,9 @@ def _reserve(path: Path, header: bytes, size: int) -> None:
             os.posix_fallocate(f.fileno(), 0, size)
 
 
-def write(comm: MPI.Comm, path: Path, description: dict[str, Any], blocks: Sequence[Block]) -> None:
+def write(
+    comm: MPI.Intracomm, path: Path, description: dict[str, Any], blocks: Sequence[Block]
+) -> None:
     """Write a file. Collective.
 
     A file that was there before stays until the new one is complete.
@@ -209,7 +213,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int]:
     return header, size
 
 
-def read_description(comm: MPI.Comm, path: Path) -> dict[str, Any]:
+def read_description(comm: MPI.Intracomm, path: Path) -> dict[str, Any]:
     """Description of a file whose header is sound. Collective.
 
     Raises:
@@ -233,7 +237,7 @@ def read_description(comm: MPI.Comm, path: Path) -> dict[str, Any]:
 
 
 def read(
-    comm: MPI.Comm, path: Path, header: dict[str, Any], cells: Sequence[npt.NDArray]
+    comm: MPI.Intracomm, path: Path, header: dict[str, Any], cells: Sequence[npt.NDArray]
 ) -> list[npt.NDArray[np.float64]]:
     """Read this rank's records of all blocks, and verify those of all ranks. Collective.
 

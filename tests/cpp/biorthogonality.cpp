@@ -89,9 +89,9 @@ TEST_CASE("dual functions are biorthogonal on distorted facets")
     CHECK(largest(r.D - D_tilde * T_inv) < 1e-14);
     CHECK(largest(r.D_tilde - D_tilde) < 1e-14);
     CHECK(r.coverage.minCoeff() > 0);
-    // Surfaces that lie on each other have neither gap nor offset
+    // Surfaces that lie on each other have neither gap nor jump
     CHECK(largest(r.gap) < 1e-14);
-    CHECK(largest(r.offset) < 1e-14);
+    CHECK(largest(r.jump) < 1e-14);
   }
 }
 
@@ -151,8 +151,8 @@ TEST_CASE("both sides of a partly covered facet add up to the same")
   // master, which is inside of it then: the gap is negative
   CHECK(unit::close(r.volume, -0.125 * covered, 1e-13));
   CHECK(largest(r.gap + 0.125 * by_slave) < 1e-12);
-  CHECK(largest(r.offset.col(2) - 0.125 * by_slave) < 1e-12);
-  CHECK(largest(r.offset.col(0)) < 1e-12);
+  CHECK(largest(r.jump.col(2) - 0.125 * by_slave) < 1e-12);
+  CHECK(largest(r.jump.col(0)) < 1e-12);
   // Functions Φ of all nodes add up to one where the space has that
   CHECK(unit::close(by_slave.sum(), covered, 1e-11));
 }

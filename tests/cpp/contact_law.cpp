@@ -16,8 +16,8 @@ namespace
 /// Nodal values of one or more nodes.
 struct Nodes
 {
-  std::vector<double> z, normal, gap, motion, scale, c_n, c_t;
-  std::vector<std::int8_t> carries, fixed, near;
+  std::vector<double> z, normal, gap, weighted_slip, scale, c_n, c_t;
+  std::vector<std::int8_t> has_multiplier, fixed, near;
   std::vector<std::int64_t> blocks;
 
   void add(const Vector3d& z_, const Vector3d& n, double g,
@@ -27,14 +27,14 @@ struct Nodes
     {
       z.push_back(z_[c]);
       normal.push_back(n[c]);
-      motion.push_back(w[c]);
+      weighted_slip.push_back(w[c]);
       fixed.push_back(0);
     }
     gap.push_back(g);
     scale.push_back(2.5);
     c_n.push_back(10);
     c_t.push_back(4);
-    carries.push_back(1);
+    has_multiplier.push_back(1);
     if (block >= 0)
       blocks.push_back(block);
   }
@@ -43,7 +43,7 @@ struct Nodes
                            std::span<const Status> forced = {}) const
   {
     return contact_residual(
-        {z, normal, gap, motion, scale, c_n, c_t, carries, fixed, near, blocks},
+        {z, normal, gap, weighted_slip, scale, c_n, c_t, has_multiplier, fixed, near, blocks},
         friction, forced);
   }
 };
@@ -92,7 +92,7 @@ double derivative_error(const Nodes& nodes, const Friction& friction)
   };
   compare(&Nodes::z, 3, r.dz, r.couplings.dz);
   compare(&Nodes::normal, 3, r.dn, r.couplings.dn);
-  compare(&Nodes::motion, 3, r.dw, r.couplings.dw);
+  compare(&Nodes::weighted_slip, 3, r.dw, r.couplings.dw);
   compare(&Nodes::gap, 1, r.dg, r.couplings.dg);
   return error;
 }
@@ -145,7 +145,7 @@ TEST_CASE("a node closes where pressure less gap is positive")
   nodes.near = {0};
   CHECK(nodes.evaluate().status[0] == Status::open);
   nodes.near = {1};
-  nodes.carries = {0};
+  nodes.has_multiplier = {0};
   CHECK(nodes.evaluate().status[0] == Status::open);
 }
 
@@ -184,18 +184,18 @@ TEST_CASE("Coulomb's and Tresca's law: slip")
 
 TEST_CASE("what the law is solved by")
 {
-  // Traction at the bound against the motion, no gap
+  // Traction at the bound against the slip, no gap
   const Friction friction{0.4, {}};
   Nodes nodes;
   nodes.add(3 * normal + 1.2 * tangent, normal, 0, -0.7 * tangent);
   CHECK(nodes.evaluate(friction).status[0] == Status::slip);
   CHECK(value(nodes.evaluate(friction)).norm() < 1e-14);
-  // Traction below the bound, no motion
+  // Traction below the bound, no slip
   nodes = {};
   nodes.add(3 * normal + 1.1 * across, normal, 0);
   CHECK(nodes.evaluate(friction).status[0] == Status::stick);
   CHECK(value(nodes.evaluate(friction)).norm() < 1e-14);
-  // Not with the motion, not beyond the bound
+  // Not with the slip, not beyond the bound
   nodes = {};
   nodes.add(3 * normal + 1.2 * tangent, normal, 0, 0.7 * tangent);
   CHECK(value(nodes.evaluate(friction)).norm() > 0.1);
@@ -256,7 +256,7 @@ TEST_CASE("an edge that slides has the friction of both patches")
 {
   const Vector3d other = (normal + 2 * across).normalized();
   const Friction friction{0.4, {}};
-  // Bounds 1.2 and 0.8 against the motion along the edge
+  // Bounds 1.2 and 0.8 against the slip along the edge
   Nodes nodes;
   nodes.add(3 * normal + 1.2 * tangent, normal, 0, -0.5 * tangent, 5);
   nodes.add(2 * other + 0.8 * tangent, other, 0, -0.4 * tangent, 5);

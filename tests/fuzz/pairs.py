@@ -293,7 +293,7 @@ def largest_rows(example: Example) -> np.ndarray:
     points = near.points(options["integration"], degree)
     count = len(oracle.multiplier_nodes(kind, multiplier))
     T = cpp.transformation(SPACE[multiplier], TYPE[kind], options["nonnegative"])
-    xi, w = points["xi"], points["w"]
+    xi, w = points.xi, points.w
     functions = oracle.shape_functions(kind, xi)[0] @ T
     functions = functions[:, :count]
     if never_negative(example) and (w @ functions).min() <= 0:
@@ -347,7 +347,7 @@ def moved(p: Pairing, change) -> Pairing:
 
 def integrals(p: Pairing, multiplier: str, degree: int | None = None) -> dict:
     r = p.integrate(multiplier, degree=degree)
-    return {k: np.asarray(r[k]) for k in ("D", "M", "gap", "offset", "area")}
+    return {k: np.asarray(r[k]) for k in ("D", "M", "gap", "jump", "area")}
 
 
 def differences(number: int, seed: int) -> Iterator[tuple[str, float]]:
@@ -366,7 +366,7 @@ def differences(number: int, seed: int) -> Iterator[tuple[str, float]]:
         if what == 0:
             unit = 10.0 ** rng.choice([-9, -6, -3, 3, 6, 9])
             s = integrals(moved(p, lambda x, u=unit: u * x), multiplier)
-            power = {"gap": 3, "offset": 3}
+            power = {"gap": 3, "jump": 3}
             s = {name: v / unit ** power.get(name, 2) for name, v in s.items()}
             yield "units", change(r, s)
         elif what == 1:
@@ -379,7 +379,7 @@ def differences(number: int, seed: int) -> Iterator[tuple[str, float]]:
         elif what == 2:
             q = rotation(rng)
             s = integrals(moved(p, lambda x, q=q: x @ q.T), multiplier)
-            s["offset"] = s["offset"] @ q
+            s["jump"] = s["jump"] @ q
             yield "rotation", change(r, s)
         else:
             new = start_corners(a)[rng.integers(2)]
@@ -392,7 +392,7 @@ def differences(number: int, seed: int) -> Iterator[tuple[str, float]]:
                 "D": s["D"][np.ix_(back, back)],
                 "M": s["M"][back],
                 "gap": s["gap"][back],
-                "offset": s["offset"][back],
+                "jump": s["jump"][back],
                 "area": s["area"],
             }
             yield ("numbering" if distort == 0 else "numbering of distorted facets"), change(r, s)

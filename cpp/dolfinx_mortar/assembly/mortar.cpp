@@ -9,7 +9,7 @@ using namespace dolfinx_mortar;
 namespace
 {
 /// Sums over facets of what belongs to a node: coverage, diagonal, weight, gap,
-/// offset, touching facets, normal of masters, covered area and volume.
+/// jump, touching facets, normal of masters, covered area and volume.
 constexpr int num_sums = 13;
 
 void add_sums(const FacetIntegrals& r, std::span<const std::int32_t> nodes,
@@ -23,7 +23,7 @@ void add_sums(const FacetIntegrals& r, std::span<const std::int32_t> nodes,
     v[2] += r.M.row(k).sum();
     v[3] += r.gap[k];
     for (int c = 0; c < 3; ++c)
-      v[4 + c] += r.offset(k, c);
+      v[4 + c] += r.jump(k, c);
     v[7] += r.touches[k];
     for (int c = 0; c < 3; ++c)
       v[8 + c] += r.master_normal(k, c);
@@ -41,22 +41,22 @@ void set_nodal_values(std::span<const double> sums, NodalIntegrals& out)
     out.diagonal.push_back(v[1]);
     out.weight.push_back(v[2]);
     out.gap.push_back(v[3]);
-    out.offset.insert(out.offset.end(), v + 4, v + 7);
+    out.jump.insert(out.jump.end(), v + 4, v + 7);
     out.near.push_back(v[7] > 0);
     out.master_normal.insert(out.master_normal.end(), v + 8, v + 11);
     out.distance.push_back(v[11] > 0 ? v[12] / v[11] : 0.0);
   }
 }
 
-void note_orphan(std::span<const double> x, std::span<const std::int32_t> nodes,
+void note_without_multipliers(std::span<const double> x, std::span<const std::int32_t> nodes,
                  NodalIntegrals& out)
 {
-  if (out.num_orphans++ > 0)
+  if (out.num_without_multipliers++ > 0)
     return;
   for (auto k : nodes)
   {
     for (int c = 0; c < 3; ++c)
-      out.orphan[c] += x[3 * k + c] / nodes.size();
+      out.without_multipliers[c] += x[3 * k + c] / nodes.size();
   }
 }
 
@@ -103,7 +103,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
     out.dropped_area += r.dropped_area;
     out.lost[f] = r.lost;
     if (r.without_multipliers)
-      note_orphan(configuration.x_slave, nodes, out);
+      note_without_multipliers(configuration.x_slave, nodes, out);
     if (!r.covered)
       return;
     out.area += r.area;

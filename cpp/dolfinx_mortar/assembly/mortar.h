@@ -29,7 +29,7 @@ struct NodalIntegrals
   std::vector<double> gap;
 
   /// Weighted relative position ∫ Φ_j (x⁽¹⁾ - x⁽²⁾∘P), shape (n, 3)
-  std::vector<double> offset;
+  std::vector<double> jump;
 
   /// Covered area, and area of overlaps left out (see PairPoints), of the
   /// facets of this rank
@@ -61,8 +61,8 @@ struct NodalIntegrals
 
   /// Covered facets none of whose nodes carries a multiplier (left out), and
   /// the midpoint of the first of them
-  std::int64_t num_orphans = 0;
-  std::array<double, 3> orphan = {0, 0, 0};
+  std::int64_t num_without_multipliers = 0;
+  std::array<double, 3> without_multipliers = {0, 0, 0};
 };
 
 /// @brief Mortar matrices to add to, of one interface or of several; null for

@@ -19,7 +19,7 @@ struct Weights
   Mat3 n, w;
 };
 
-/// For each local slave node, the rows that its gap, normal and motion are in:
+/// For each local slave node, the rows that its gap, normal and slip are in:
 /// its own, and at an edge that of another patch.
 class NodeWeights
 {
@@ -164,7 +164,7 @@ void dolfinx_mortar::add_current_derivatives(
           continue;
         rows.noalias() = v.g * r.d_gap.row(a);
         if (with_slip)
-          rows.noalias() += v.w * r.d_offset.middleRows(3 * a, 3);
+          rows.noalias() += v.w * r.d_jump.middleRows(3 * a, 3);
         derivatives.constraints.add(std::span(&v.row, 1), blocks, rows.data());
         rows.noalias() = v.g * r.d_gap_normal.row(a);
         derivatives.by_normals.add(std::span(&v.row, 1), multipliers,
@@ -196,7 +196,7 @@ void dolfinx_mortar::add_current_derivatives(
 void dolfinx_mortar::add_matrix_derivatives(const Interface& interface,
                                             const Configuration& configuration,
                                             const ContactResidual& law,
-                                            bool by_gap, bool by_motion, Mat B,
+                                            bool by_gap, bool by_slip, Mat B,
                                             ContactDerivatives& derivatives)
 {
   // Block of a row by one of B, which is a multiple of the identity
@@ -208,7 +208,7 @@ void dolfinx_mortar::add_matrix_derivatives(const Interface& interface,
     Mat3 block = Mat3::Zero();
     if (by_gap)
       block -= Eigen::Map<const Eigen::Vector3d>(dg) * n.transpose();
-    if (by_motion)
+    if (by_slip)
       block -= Eigen::Map<const Mat3>(dw);
     const MatrixRow b(B, 3 * interface.multipliers[k]);
     for (std::size_t i = 0; i < b.columns().size(); ++i)

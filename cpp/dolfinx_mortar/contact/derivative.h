@@ -10,7 +10,7 @@ namespace dolfinx_mortar
 {
 /// @brief Derivatives of contacts by displacements, to be added to.
 ///
-/// Constraints C depend on weighted gaps g, normals n and motions w,
+/// Constraints C depend on weighted gaps g, normals n and weighted slips w,
 ///
 ///     C_u = W_g ∂g/∂u + W_w ∂w/∂u + (W_g ∂g/∂n + W_n) ∂n/∂u.
 ///
@@ -35,7 +35,7 @@ struct ContactDerivatives
 /// Collective.
 /// @param[in] interface,basis,configuration See integrate.
 /// @param[in] law Contact conditions of the owned nodes.
-/// @param[in] with_slip The conditions depend on the motion.
+/// @param[in] with_slip The conditions depend on the slip.
 /// @param[in] z Multipliers of the local slave nodes, shape (n, 3).
 /// @param[in,out] derivatives Derivatives to add to.
 void add_current_derivatives(const Interface& interface, const Basis& basis,
@@ -47,18 +47,18 @@ void add_current_derivatives(const Interface& interface, const Basis& basis,
 /// @brief Add what the rows of the mortar matrix B of a contact's owned nodes
 /// contribute to the derivatives.
 ///
-/// With current geometry motions are w = offset - B_old x; with frozen geometry
-/// gaps are g - n·B u, and motions B (u_old - u).
+/// With current geometry slips are w = jump - B_old x; with frozen geometry
+/// gaps are g - n·B u, and slips B (u_old - u).
 /// @param[in] interface Interface.
 /// @param[in] configuration Its configuration.
 /// @param[in] law Contact conditions of the owned nodes.
-/// @param[in] by_gap,by_motion Take the part of gaps, and of motions.
+/// @param[in] by_gap,by_slip Take the part of gaps, and of slips.
 /// @param[in] B B_old, or B where geometry is frozen; multipliers by
 /// displacements.
 /// @param[in,out] derivatives Derivatives to add to.
 void add_matrix_derivatives(const Interface& interface,
                             const Configuration& configuration,
                             const ContactResidual& law, bool by_gap,
-                            bool by_motion, Mat B,
+                            bool by_slip, Mat B,
                             ContactDerivatives& derivatives);
 } // namespace dolfinx_mortar

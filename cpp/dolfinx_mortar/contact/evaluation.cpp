@@ -34,7 +34,7 @@ ContactResidual dolfinx_mortar::evaluate_law(
   near = options.reference_geometry ? near.first(0) : near.first(n);
   const std::span<const std::int8_t> fixed = interface.fixed;
   return contact_residual({z, normals.first(3 * n), evaluation.gap,
-                           evaluation.motion, evaluation.scale, state.c_n,
+                           evaluation.weighted_slip, evaluation.scale, state.c_n,
                            state.c_t, evaluation.usable, fixed.first(3 * n),
                            near, blocks},
                           friction, forced, damped);
@@ -99,7 +99,7 @@ void dolfinx_mortar::accept_slip(const Interface& interface,
       continue;
     }
     const Eigen::Vector3d n = vector(geometry.configuration.normals.n, j);
-    const Eigen::Vector3d w = vector(evaluation.motion, j);
+    const Eigen::Vector3d w = vector(evaluation.weighted_slip, j);
     const Eigen::Vector3d slip = w.dot(n) * n - w;
     state.dissipation += vector(z, j).dot(slip);
     // An average of slip, from slip times area

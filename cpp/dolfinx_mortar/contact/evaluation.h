@@ -43,9 +43,9 @@ struct InterfaceEvaluation
   /// Weighted gaps [length³], shape (n)
   std::vector<double> gap;
 
-  /// Weighted relative motion since the last accepted step [length³], shape
+  /// Weighted slip of the master since the last accepted step [length³], shape
   /// (n, 3); empty without friction
-  std::vector<double> motion;
+  std::vector<double> weighted_slip;
 
   /// Scale of the tangential equations [traction], shape (n)
   std::vector<double> scale;
@@ -62,7 +62,7 @@ struct InterfaceEvaluation
 /// @param[in] options What makes it a contact.
 /// @param[in] friction Tangential behaviour.
 /// @param[in] state State of the interface.
-/// @param[in] evaluation Geometry, gap, motion, scale and usable nodes.
+/// @param[in] evaluation Geometry, gap, weighted slip, scale and usable nodes.
 /// @param[in] z Multipliers [traction] of the owned nodes, shape (n, 3).
 /// @param[in] blocks See ContactState.
 /// @param[in] forced,damped See contact_residual.

@@ -99,12 +99,12 @@ std::vector<std::size_t> closed_nodes(std::size_t begin, std::size_t end,
 std::vector<std::int8_t> find_closed(const ContactState& s,
                                      std::span<const Status> forced)
 {
-  const std::size_t num = s.carries.size();
+  const std::size_t num = s.has_multiplier.size();
   std::vector<std::int8_t> closed(num);
   for (std::size_t j = 0; j < num; ++j)
   {
     closed[j]
-        = s.carries[j]
+        = s.has_multiplier[j]
           and (forced.empty() ? trial_pressure(s, j) > 0 and can_close(s, j)
                               : forced[j] != Status::open);
   }
@@ -169,7 +169,7 @@ Status add_friction(const ContactState& s, const Friction& friction,
   const double zn = n.dot(z), p = trial_pressure(s, j), ct = s.c_t[j];
   const Vec3 z_tau = z - zn * n;
   const Mat3 dz_tau = -zn * Mat3::Identity() - n * z.transpose();
-  const Vec3 w = vector(s.motion, j);
+  const Vec3 w = vector(s.weighted_slip, j);
   Vec3 free;
   for (int c = 0; c < 3; ++c)
     free[c] = s.fixed[3 * j + c] ? 0.0 : 1.0;
@@ -203,7 +203,7 @@ Status add_friction(const ContactState& s, const Friction& friction,
   }
   if (!(norm_t > 0))
   {
-    // Neither traction nor motion: the direction of slip is not known yet
+    // Neither traction nor slip: the direction of slip is not known yet
     add_no_friction(s, j, r);
     return Status::slip;
   }
@@ -235,7 +235,7 @@ void apply_edge_law(const ContactState& s, const Friction& friction,
     const std::size_t j = nodes[i];
     patches[i] = {vector(s.z, j),
                   vector(s.normal, j),
-                  vector(s.motion, j),
+                  vector(s.weighted_slip, j),
                   s.gap[j],
                   s.c_n[j],
                   s.c_t[j],
@@ -293,7 +293,7 @@ ContactResidual dolfinx_mortar::contact_residual(const ContactState& state,
                                                  std::span<const Status> forced,
                                                  bool damped)
 {
-  const std::size_t num = state.carries.size();
+  const std::size_t num = state.has_multiplier.size();
   const bool rough = friction.coefficient > 0 or friction.bound;
   ContactResidual r = create_residual(num);
   const std::vector<std::int8_t> closed = find_closed(state, forced);

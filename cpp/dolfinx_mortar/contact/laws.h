@@ -41,10 +41,10 @@ struct ContactState
   /// Weighted gaps g̃, shape (n)
   std::span<const double> gap;
 
-  /// Weighted relative motion w = B x - B_old x since the last accepted step,
+  /// Weighted slip w = B x - B_old x of the master since the last accepted step,
   /// shape (n, 3); slip increment ũ_τ = -(I - n nᵀ) w. May be empty without
   /// friction.
-  std::span<const double> motion;
+  std::span<const double> weighted_slip;
 
   /// Scale σ of the tangential equation (traction), shape (n); may be empty
   /// without friction
@@ -54,7 +54,7 @@ struct ContactState
   std::span<const double> c_n, c_t;
 
   /// Non-zero for nodes that carry a multiplier, shape (n)
-  std::span<const std::int8_t> carries;
+  std::span<const std::int8_t> has_multiplier;
 
   /// Non-zero for components whose displacement is prescribed, shape (n, 3)
   std::span<const std::int8_t> fixed;

@@ -10,7 +10,7 @@
 //
 //   M_e dc = Σ_q d(w Ñ_k) z_k - d(w Ñ_k λ_h)|c,                           (a)
 //
-// and, with M_e h = ∫ Ñ φ for a field φ (gap or offset), ∫ Φ φ = D_e h and
+// and, with M_e h = ∫ Ñ φ for a field φ (gap or jump), ∫ Φ φ = D_e h and
 //
 //   M_e dh = Σ_q d(w Ñ_k φ) - d(w Ñ_k φ_h)|h,  φ_h = Σ h_k Ñ_k.           (b)
 //
@@ -65,7 +65,7 @@ class FacetIntegrator::Linearisation
 {
 public:
   /// @param[in] z Nodal multipliers, shape (n, 3).
-  /// @param[in] num_fields 1: gap; 4: and offset.
+  /// @param[in] num_fields 1: gap; 4: and jump.
   Linearisation(const Facet& facet, std::span<const double> z, int num_fields);
 
   /// @brief Add the points of a pair.
@@ -76,7 +76,7 @@ public:
   /// @brief Derivative of Bᵀz = [D, -M]ᵀ z (equation 3.4), z fixed.
   void differentiate_force(RowMatrix& d_force);
 
-  /// @brief Derivatives of the weighted gap (equation 3.7) and offset.
+  /// @brief Derivatives of the weighted gap (equation 3.7) and jump.
   void differentiate_fields(FacetIntegrals& r);
 
 private:
@@ -96,15 +96,15 @@ private:
   void add_explicit_gap(const Rows& rows, const PairPoints& points,
                         const PairShapes& s);
 
-  /// @brief Explicit dependence of the offset on positions at fixed points, dr.
-  void add_explicit_offset(const Rows& rows, const PairPoints& points,
+  /// @brief Explicit dependence of the jump on positions at fixed points, dr.
+  void add_explicit_jump(const Rows& rows, const PairPoints& points,
                            const PairShapes& s);
 
   /// @brief Add the table of a pair: its columns to the columns of the facet.
   void scatter(const Rows& rows, std::span<const int> columns);
 
   const Facet& _facet;
-  int _num_fields;              // 1: gap; 4: and offset
+  int _num_fields;              // 1: gap; 4: and jump
   int _first_other, _num_other; // slave nodes outside of the biorthogonality
 
   RowMatrix _z;      // multipliers after sharing, shape (nl, 3)
@@ -169,7 +169,7 @@ void FacetIntegrator::Linearisation::add_pair(const PairPoints& points,
   _table.noalias() = _C.transpose() * d;
   add_explicit_gap(rows, points, s);
   if (_num_fields == 4)
-    add_explicit_offset(rows, points, s);
+    add_explicit_jump(rows, points, s);
   scatter(rows, columns);
 }
 //-----------------------------------------------------------------------------
@@ -281,7 +281,7 @@ void FacetIntegrator::Linearisation::add_explicit_gap(const Rows& rows,
   }
 }
 //-----------------------------------------------------------------------------
-void FacetIntegrator::Linearisation::add_explicit_offset(
+void FacetIntegrator::Linearisation::add_explicit_jump(
     const Rows& rows, const PairPoints& points, const PairShapes& s)
 {
   const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
@@ -360,7 +360,7 @@ void FacetIntegrator::Linearisation::differentiate_fields(FacetIntegrals& r)
 {
   const int n = _facet.n, nl = _facet.nl;
   if (_num_fields == 4)
-    r.d_offset.resize(3 * n, 3 * (n + _facet.m));
+    r.d_jump.resize(3 * n, 3 * (n + _facet.m));
   for (int f = 0; f < _num_fields; ++f)
   {
     // ∫ Φ φ = D_e h, and D_e changes too
@@ -374,7 +374,7 @@ void FacetIntegrator::Linearisation::differentiate_fields(FacetIntegrals& r)
     {
       const RowMatrix kept = _facet.X.transpose() * dh;
       for (int k = 0; k < n; ++k)
-        r.d_offset.row(3 * k + f - 1) = kept.row(k);
+        r.d_jump.row(3 * k + f - 1) = kept.row(k);
     }
   }
   _facet.apply_coefficients(_d_normal);

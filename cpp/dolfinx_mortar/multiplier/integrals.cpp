@@ -257,7 +257,7 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
   r.M.noalias() = X.transpose() * M;
   const RowMatrix kept = X.transpose() * fields;
   r.gap = kept.col(0);
-  r.offset = kept.rightCols<3>();
+  r.jump = kept.rightCols<3>();
   return true;
 }
 //-----------------------------------------------------------------------------

@@ -81,7 +81,7 @@ struct FacetIntegrals
   Eigen::VectorXd gap;
 
   /// Weighted relative position ∫ Φ_j (x⁽¹⁾ - x⁽²⁾∘P), shape (n, 3)
-  RowMatrix offset;
+  RowMatrix jump;
 
   /// Derivative of the contact force Bᵀz, B = [D, -M], with z fixed, shape
   /// (3 (n + m), 3 (n + m))
@@ -91,8 +91,8 @@ struct FacetIntegrals
   /// m)), and with respect to the nodal normals, shape (n, 3 n)
   RowMatrix d_gap, d_gap_normal;
 
-  /// Derivative of `offset`, shape (3 n, 3 (n + m))
-  RowMatrix d_offset;
+  /// Derivative of `jump`, shape (3 n, 3 (n + m))
+  RowMatrix d_jump;
 };
 
 /// @brief Computes the mortar integrals of one slave facet after the other.
@@ -138,7 +138,7 @@ private:
     std::array<RowMatrix, 2> dN, dNt;
     RowMatrix Nm; // master functions
     std::array<RowMatrix, 2> dNm;
-    RowMatrix field;                 // gap and offset, shape (num_points, 4)
+    RowMatrix field;                 // gap and jump, shape (num_points, 4)
     std::array<RowMatrix, 4> dfield; // ∂/∂ξ₁, ∂/∂ξ₂, ∂/∂η₁, ∂/∂η₂
     RowMatrix normal;                // unit normal, shape (num_points, 3)
     RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
@@ -162,7 +162,7 @@ private:
 
     RowMatrix S;          // ∫ Ñ_j Ñ_k, shape (nl, n), its first columns are M_e
     RowMatrix Sm;         // ∫ Ñ_j N_l∘P, shape (nl, m)
-    RowMatrix b;          // ∫ Ñ_j (gap, offset), shape (nl, 4)
+    RowMatrix b;          // ∫ Ñ_j (gap, jump), shape (nl, 4)
     Eigen::VectorXd mass; // diagonal of D_e, shape (nl)
     ScaledCholesky chol;  // of M_e, dual spaces only
     RowMatrix X; // shares of nodes with multiplier in the Φ, shape (nl, n)
@@ -239,12 +239,12 @@ private:
   bool factorise();
 
   /// @brief D̃ and D = D̃ T⁻¹ (equations 3.5, 4.12), M (3.6), weighted gap
-  /// (3.7) and offset.
+  /// (3.7) and jump.
   /// @return False where the signs of D̃ are lost in round-off.
   bool weigh(std::span<const std::int8_t> has_multiplier);
 
   /// @brief Derivatives of Bᵀz (equation 3.4, z fixed), weighted gap and
-  /// offset; after all others.
+  /// jump; after all others.
   void differentiate(std::span<const double> z, Derivatives derivatives);
 
   IntegrationOptions _options;

@@ -80,7 +80,7 @@ std::pair<Matrix, Matrix> evaluate_geometry(const Coupling& coupling,
   return matrices;
 }
 
-/// Products with B that gaps and motions are made of; empty where not needed.
+/// Products with B that gaps and slips are made of; empty where not needed.
 struct Moved
 {
   std::vector<double> old;      // B_old (X + u)
@@ -111,8 +111,8 @@ Moved move(const Coupling& coupling, const Step& step, Mat B,
   return moved;
 }
 
-/// Set gap and motion of a contact.
-void set_motion(const Coupling& coupling, std::size_t i, bool frictional,
+/// Set gap and weighted slip of a contact.
+void set_slip(const Coupling& coupling, std::size_t i, bool frictional,
                 const Moved& moved, InterfaceEvaluation& e)
 {
   const CoupledInterface& c = coupling.interfaces[i];
@@ -121,7 +121,7 @@ void set_motion(const Coupling& coupling, std::size_t i, bool frictional,
   auto part = [&](const std::vector<double>& v)
   { return coupling.part(std::span<const double>(v), i, 3); };
   e.gap.assign(nodal.gap.begin(), nodal.gap.begin() + n);
-  e.motion.clear();
+  e.weighted_slip.clear();
   if (!c.is_current())
   {
     const auto total = part(moved.total);
@@ -133,17 +133,17 @@ void set_motion(const Coupling& coupling, std::size_t i, bool frictional,
     if (frictional)
     {
       const auto accepted = part(moved.accepted);
-      e.motion.assign(accepted.begin(), accepted.end());
+      e.weighted_slip.assign(accepted.begin(), accepted.end());
       for (std::size_t j = 0; j < 3 * n; ++j)
-        e.motion[j] -= total[j];
+        e.weighted_slip[j] -= total[j];
     }
   }
   else if (frictional)
   {
     const auto old = part(moved.old);
-    e.motion.assign(nodal.offset.begin(), nodal.offset.begin() + 3 * n);
+    e.weighted_slip.assign(nodal.jump.begin(), nodal.jump.begin() + 3 * n);
     for (std::size_t j = 0; j < 3 * n; ++j)
-      e.motion[j] -= old[j];
+      e.weighted_slip[j] -= old[j];
   }
 }
 
@@ -273,7 +273,7 @@ Evaluation dolfinx_mortar::evaluate(const Coupling& coupling, const Step& step,
       }
       continue;
     }
-    set_motion(coupling, i, step.is_frictional(i), moved, e.interfaces[i]);
+    set_slip(coupling, i, step.is_frictional(i), moved, e.interfaces[i]);
     evaluate_contact(coupling, step, state, i, coupling.part(z, i, 3),
                      e.interfaces[i]);
     std::ranges::copy(e.interfaces[i].law.value, f.begin());

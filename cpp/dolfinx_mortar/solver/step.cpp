@@ -238,13 +238,13 @@ void change_basis(const Coupling& coupling,
   }
 }
 
-void check_orphans(const Coupling& coupling, const NodalIntegrals& nodal)
+void check_multipliers(const Coupling& coupling, const NodalIntegrals& nodal)
 {
   std::ostringstream message;
-  if (nodal.num_orphans > 0)
+  if (nodal.num_without_multipliers > 0)
   {
-    message << std::setprecision(6) << "Slave facet at (" << nodal.orphan[0]
-            << ", " << nodal.orphan[1] << ", " << nodal.orphan[2]
+    message << std::setprecision(6) << "Slave facet at (" << nodal.without_multipliers[0]
+            << ", " << nodal.without_multipliers[1] << ", " << nodal.without_multipliers[2]
             << ") has no node that can carry a multiplier: all its nodes "
                "belong to other interfaces or to Dirichlet boundaries. Refine "
                "the slave surface there, or swap slave and master.";
@@ -359,7 +359,7 @@ Step dolfinx_mortar::create_step(const Coupling& coupling, State& state)
   share_nonnegative(coupling, ties, geometries, state, step, changed);
   for (std::size_t j = 0; j < ties.size(); ++j)
   {
-    check_orphans(coupling, geometries[j].nodal);
+    check_multipliers(coupling, geometries[j].nodal);
     check_met(coupling, coupling.interfaces[ties[j]], geometries[j].nodal);
     drop_uncovered(coupling, ties[j], geometries[j], state, step);
     step.geometry[ties[j]]

@@ -1,0 +1,15 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Meshes of 20-node hexahedra, which DOLFINx's own readers refuse, and Abaqus input files."""
+
+from .abaqus import AbaqusMesh, read_abaqus
+from .gmsh import model_to_hex20
+from .hexahedra import create_hex20_mesh, hex20_permutation
+
+__all__ = [
+    "AbaqusMesh",
+    "create_hex20_mesh",
+    "hex20_permutation",
+    "model_to_hex20",
+    "read_abaqus",
+]
