@@ -86,11 +86,11 @@ void wrap_laws(nb::module_& m)
   m.def(
       "contact_residual",
       [](In<double> z, In<double> normal, In<double> gap,
-         std::optional<In<double>> weighted_slip, std::optional<In<double>> scale,
-         In<double> c_n, In<double> c_t, In<std::int8_t> has_multiplier,
-         In<std::int8_t> fixed, double friction, std::optional<double> bound,
-         const std::vector<Status>& forced, bool damped,
-         std::optional<In<std::int8_t>> near,
+         std::optional<In<double>> weighted_slip,
+         std::optional<In<double>> scale, In<double> c_n, In<double> c_t,
+         In<std::int8_t> has_multiplier, In<std::int8_t> fixed, double friction,
+         std::optional<double> bound, const std::vector<Status>& forced,
+         bool damped, std::optional<In<std::int8_t>> near,
          std::optional<In<std::int64_t>> patches)
       {
         const std::size_t num = has_multiplier.size();
@@ -107,7 +107,8 @@ void wrap_laws(nb::module_& m)
         check_nodal(near, num, 1, "near");
         check_nodal(patches, num, 1, "blocks");
         if ((friction > 0 or bound) and !(weighted_slip and scale))
-          throw std::invalid_argument("Friction needs weighted_slip and scale.");
+          throw std::invalid_argument(
+              "Friction needs weighted_slip and scale.");
         return contact_residual(
             {span(z), span(normal), span(gap),
              weighted_slip ? span(*weighted_slip) : std::span<const double>(),
@@ -117,11 +118,12 @@ void wrap_laws(nb::module_& m)
              patches ? span(*patches) : std::span<const std::int64_t>()},
             {friction, bound}, forced, damped);
       },
-      nb::arg("z"), nb::arg("normal"), nb::arg("gap"), nb::arg("weighted_slip").none(),
-      nb::arg("scale").none(), nb::arg("c_n"), nb::arg("c_t"),
-      nb::arg("has_multiplier"), nb::arg("fixed"), nb::arg("friction"),
-      nb::arg("bound").none(), nb::arg("forced") = std::vector<Status>(),
-      nb::arg("damped") = false, nb::arg("near").none() = nb::none(),
+      nb::arg("z"), nb::arg("normal"), nb::arg("gap"),
+      nb::arg("weighted_slip").none(), nb::arg("scale").none(), nb::arg("c_n"),
+      nb::arg("c_t"), nb::arg("has_multiplier"), nb::arg("fixed"),
+      nb::arg("friction"), nb::arg("bound").none(),
+      nb::arg("forced") = std::vector<Status>(), nb::arg("damped") = false,
+      nb::arg("near").none() = nb::none(),
       nb::arg("blocks").none() = nb::none(),
       "Contact conditions as a semi-smooth equation, for arrays of nodes.");
 }

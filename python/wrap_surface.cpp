@@ -42,10 +42,7 @@ void types(nb::class_<C>& c)
 
 /// Number of values of a node. Whether there is a row for each node is for the
 /// library to say, on all ranks.
-int block_size(const InOut& a)
-{
-  return a.ndim() < 2 ? 1 : a.shape(1);
-}
+int block_size(const InOut& a) { return a.ndim() < 2 ? 1 : a.shape(1); }
 
 /// Call a function with the values of an array, if they are of type T.
 template <typename T, typename F>

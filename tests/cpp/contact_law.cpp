@@ -42,9 +42,9 @@ struct Nodes
   ContactResidual evaluate(const Friction& friction = {},
                            std::span<const Status> forced = {}) const
   {
-    return contact_residual(
-        {z, normal, gap, weighted_slip, scale, c_n, c_t, has_multiplier, fixed, near, blocks},
-        friction, forced);
+    return contact_residual({z, normal, gap, weighted_slip, scale, c_n, c_t,
+                             has_multiplier, fixed, near, blocks},
+                            friction, forced);
   }
 };
 

@@ -243,6 +243,26 @@ TEST_CASE("positions that are not finite are refused on all ranks", "[mpi]")
                   std::runtime_error);
 }
 
+TEST_CASE("facets of no type are refused on all ranks", "[mpi]")
+{
+  int rank, size;
+  MPI_Comm_rank(MPI_COMM_WORLD, &rank);
+  MPI_Comm_size(MPI_COMM_WORLD, &size);
+  const std::vector<double> X = {1, 0, 0, 0, 1, 0, 0, 0, 1};
+  const std::vector<std::int32_t> blocks = {0, 1, 2};
+  const std::vector<std::int64_t> numbers
+      = {3 * rank, 3 * rank + 1, 3 * rank + 2};
+  auto create = [&](FacetType type)
+  {
+    return create_surface(MPI_COMM_WORLD, {type}, blocks, {1}, numbers, 3, {},
+                          X);
+  };
+  CHECK(create(FacetType::tri3).num_global == 3 * size);
+  const FacetType last
+      = rank == size - 1 ? static_cast<FacetType>(5) : FacetType::tri3;
+  CHECK_THROWS_AS(create(last), std::runtime_error);
+}
+
 TEST_CASE("ghosts of a surface get and give values", "[mpi]")
 {
   const Grid g = unit::create_grid(FacetType::tri6, 4, 1, curved);

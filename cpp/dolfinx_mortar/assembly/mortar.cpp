@@ -48,8 +48,9 @@ void set_nodal_values(std::span<const double> sums, NodalIntegrals& out)
   }
 }
 
-void note_without_multipliers(std::span<const double> x, std::span<const std::int32_t> nodes,
-                 NodalIntegrals& out)
+void note_without_multipliers(std::span<const double> x,
+                              std::span<const std::int32_t> nodes,
+                              NodalIntegrals& out)
 {
   if (out.num_without_multipliers++ > 0)
     return;

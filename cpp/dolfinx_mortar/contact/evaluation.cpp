@@ -34,9 +34,9 @@ ContactResidual dolfinx_mortar::evaluate_law(
   near = options.reference_geometry ? near.first(0) : near.first(n);
   const std::span<const std::int8_t> fixed = interface.fixed;
   return contact_residual({z, normals.first(3 * n), evaluation.gap,
-                           evaluation.weighted_slip, evaluation.scale, state.c_n,
-                           state.c_t, evaluation.usable, fixed.first(3 * n),
-                           near, blocks},
+                           evaluation.weighted_slip, evaluation.scale,
+                           state.c_n, state.c_t, evaluation.usable,
+                           fixed.first(3 * n), near, blocks},
                           friction, forced, damped);
 }
 //-----------------------------------------------------------------------------

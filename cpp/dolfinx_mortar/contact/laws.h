@@ -41,9 +41,9 @@ struct ContactState
   /// Weighted gaps g̃, shape (n)
   std::span<const double> gap;
 
-  /// Weighted slip w = B x - B_old x of the master since the last accepted step,
-  /// shape (n, 3); slip increment ũ_τ = -(I - n nᵀ) w. May be empty without
-  /// friction.
+  /// Weighted slip w = B x - B_old x of the master since the last accepted
+  /// step, shape (n, 3); slip increment ũ_τ = -(I - n nᵀ) w. May be empty
+  /// without friction.
   std::span<const double> weighted_slip;
 
   /// Scale σ of the tangential equation (traction), shape (n); may be empty

@@ -98,7 +98,7 @@ private:
 
   /// @brief Explicit dependence of the jump on positions at fixed points, dr.
   void add_explicit_jump(const Rows& rows, const PairPoints& points,
-                           const PairShapes& s);
+                         const PairShapes& s);
 
   /// @brief Add the table of a pair: its columns to the columns of the facet.
   void scatter(const Rows& rows, std::span<const int> columns);
@@ -281,8 +281,9 @@ void FacetIntegrator::Linearisation::add_explicit_gap(const Rows& rows,
   }
 }
 //-----------------------------------------------------------------------------
-void FacetIntegrator::Linearisation::add_explicit_jump(
-    const Rows& rows, const PairPoints& points, const PairShapes& s)
+void FacetIntegrator::Linearisation::add_explicit_jump(const Rows& rows,
+                                                       const PairPoints& points,
+                                                       const PairShapes& s)
 {
   const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
   const Eigen::Map<const Eigen::VectorXd> w(points.w.data(), points.w.size());

@@ -134,8 +134,8 @@ Matrix dolfinx_mortar::combine_rows(std::span<const RowTerm> terms,
     out.append(sum.columns(), sum.values(), factor);
   }
   MPI_Comm comm;
-  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(terms.front().A),
-                           &comm),
-        "PetscObjectGetComm");
+  check(
+      PetscObjectGetComm(reinterpret_cast<PetscObject>(terms.front().A), &comm),
+      "PetscObjectGetComm");
   return create_from_rows(comm, num_columns, std::move(out), 3);
 }

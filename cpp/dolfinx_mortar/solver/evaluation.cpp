@@ -113,7 +113,7 @@ Moved move(const Coupling& coupling, const Step& step, Mat B,
 
 /// Set gap and weighted slip of a contact.
 void set_slip(const Coupling& coupling, std::size_t i, bool frictional,
-                const Moved& moved, InterfaceEvaluation& e)
+              const Moved& moved, InterfaceEvaluation& e)
 {
   const CoupledInterface& c = coupling.interfaces[i];
   const std::size_t n = c.num_owned();

@@ -243,8 +243,10 @@ void check_multipliers(const Coupling& coupling, const NodalIntegrals& nodal)
   std::ostringstream message;
   if (nodal.num_without_multipliers > 0)
   {
-    message << std::setprecision(6) << "Slave facet at (" << nodal.without_multipliers[0]
-            << ", " << nodal.without_multipliers[1] << ", " << nodal.without_multipliers[2]
+    message << std::setprecision(6) << "Slave facet at ("
+            << nodal.without_multipliers[0] << ", "
+            << nodal.without_multipliers[1] << ", "
+            << nodal.without_multipliers[2]
             << ") has no node that can carry a multiplier: all its nodes "
                "belong to other interfaces or to Dirichlet boundaries. Refine "
                "the slave surface there, or swap slave and master.";

@@ -193,8 +193,8 @@ bool dolfinx_mortar::is_overloaded(MPI_Comm comm, const Balance& balance)
 }
 //-----------------------------------------------------------------------------
 bool dolfinx_mortar::is_unsupported(const Coupling& coupling,
-                               const Evaluation& evaluation, Mat K,
-                               std::span<const double> force)
+                                    const Evaluation& evaluation, Mat K,
+                                    std::span<const double> force)
 {
   const MatrixXd loose
       = unresisted(coupling, free_motions(coupling, evaluation.u), K);

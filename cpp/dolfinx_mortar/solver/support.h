@@ -42,8 +42,8 @@ bool is_overloaded(MPI_Comm comm, const Balance& balance);
 /// @brief Whether a body moves freely under its loads where no contact is
 /// active. Collective.
 /// @param[in] coupling,evaluation,K,force See find_balance.
-bool is_unsupported(const Coupling& coupling, const Evaluation& evaluation, Mat K,
-               std::span<const double> force);
+bool is_unsupported(const Coupling& coupling, const Evaluation& evaluation,
+                    Mat K, std::span<const double> force);
 
 /// @brief Distance of a point from the cone that vectors span. Collective.
 ///
