@@ -20,10 +20,9 @@ def common(comms: Sequence[MPI.Intracomm]) -> MPI.Intracomm:
     """
     for comm in comms[1:]:
         if MPI.Comm.Compare(comms[0], comm) not in (MPI.IDENT, MPI.CONGRUENT):
-            sizes = " and ".join(str(c.size) for c in (comms[0], comm))
             raise ValueError(
-                f"The meshes are on different communicators, of {sizes} ranks: make all meshes "
-                "of a problem on the same one."
+                f"The meshes are on different communicators, of {comms[0].size} and {comm.size} "
+                "ranks: make all meshes of a problem on the same one."
             )
     return comms[0]
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 """One call for what DOLFINx 0.9, 0.10 and 0.11 spell differently.
 
-The rest of the package stays free of version tests. Where possible a feature is tested, not a
-version number, so that development versions work too.
+Nothing else asks for the version. Where possible a feature is tested, so that development versions
+work too.
 """
 
 from __future__ import annotations
@@ -33,8 +33,7 @@ def cell_partitioner(mode: GhostMode = GhostMode.none) -> Callable:
         A function that DOLFINx calls with the dual graph of the mesh.
     """
     # 0.10 has a default for the number of cells at a facet, 0.11 insists on it.
-    args = (mode,) if VERSION < (0, 10) else (mode, 2)
-    return dolfinx.mesh.create_cell_partitioner(*args)
+    return dolfinx.mesh.create_cell_partitioner(mode, *(() if VERSION < (0, 10) else (2,)))
 
 
 def create_mesh(

@@ -43,19 +43,15 @@ MIN_COVERAGE = 0.15
 class Constraints(NamedTuple):
     """Constraints u_slave = Σ c u_master, as ``add_constraint`` of dolfinx_mpc takes them.
 
-    The masters of ``slaves[i]`` are ``masters[offsets[i]:offsets[i + 1]]``.
+    Slaves are local dofs, ascending; masters are global dofs with a coefficient and an owning
+    rank each. Those of ``slaves[i]`` are ``masters[offsets[i]:offsets[i + 1]]``.
     """
 
     slaves: npt.NDArray[np.int32]
-    """Slave dofs of this rank, local numbers, ascending."""
     masters: npt.NDArray[np.int64]
-    """Master dofs, global numbers."""
     coefficients: npt.NDArray[np.float64]
-    """Coefficient of each master dof."""
     owners: npt.NDArray[np.int32]
-    """Rank that owns each master dof."""
     offsets: npt.NDArray[np.int32]
-    """Where the masters of each slave dof start; shape (number of slave dofs + 1)."""
 
 
 class Interface:
@@ -235,9 +231,7 @@ class Interface:
         """Contact traction t_c = -λ that acts on the slave body."""
         return self._field("traction")
 
-    # -- Matrices -------------------------------------------------------------
-
-    # Each access makes a new matrix, which is the caller's
+    # -- Matrices: each access makes a new one, which is the caller's ---------
 
     def _maker(self) -> cpp.ContactProblem:
         memory.free_forgotten(self._owner().comm)  # as earlier matrices

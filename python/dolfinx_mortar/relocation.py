@@ -59,9 +59,8 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     for part in [*tie.slave, *tie.master]:
         if part.V not in spaces:
             spaces.append(part.V)
-    comm = memory.communicator(tie.comm)
     relocation = cpp.relocate(
-        comm.py2f(),
+        memory.communicator(tie.comm).py2f(),
         [V._cpp_object for V in spaces],
         tie.describe(),
         [bc._cpp_object for bc in bcs],
@@ -70,9 +69,9 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     tie.positions = relocation.x_slave, relocation.x_master
     start = 0
     for V in spaces:
-        n = V.dofmap.index_map.size_local
-        _move_mesh(V, relocation.motion[start : start + n])
-        start += n
+        end = start + V.dofmap.index_map.size_local
+        _move_mesh(V, relocation.motion[start:end])
+        start = end
     return relocation.largest
 
 
