@@ -128,10 +128,10 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
   const std::int64_t first = first_of_rank(comm, size);
   send_rows(comm, first, size);
 
-  std::vector<const Row*> rows(size, nullptr);
+  std::vector<Row*> rows(size, nullptr);
   std::size_t num_entries = 0;
   std::string message;
-  for (const Row& r : _rows)
+  for (Row& r : _rows)
   {
     if (r.number < first or r.number >= first + size)
     {
@@ -147,7 +147,7 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
   std::vector<PetscInt> columns;
   std::vector<double> values;
   std::vector<std::size_t> order;
-  for (const Row* r : rows)
+  for (Row* r : rows)
   {
     const std::size_t n = r ? r->columns.size() : 0;
     order.resize(n);
@@ -177,6 +177,9 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
       }
       storage.append(columns, values);
     }
+    // Blocks and matrix are not both in memory as a whole
+    if (r)
+      *r = {};
   }
   _rows.clear();
   _index.clear();

@@ -58,9 +58,10 @@ void own(Mat A, std::unique_ptr<RowStorage> rows)
   check(PetscContainerSetPointer(container, rows.get()),
         "PetscContainerSetPointer");
 #if PETSC_VERSION_GE(3, 23, 0)
-  auto destroy = [](void** p) -> PetscErrorCode
+  // The address of the pointer, as void** or, from 3.25 on, as void*
+  auto destroy = [](auto p) -> PetscErrorCode
   {
-    delete static_cast<RowStorage*>(*p);
+    delete *static_cast<RowStorage**>(static_cast<void*>(p));
     return PETSC_SUCCESS;
   };
   check(PetscContainerSetCtxDestroy(container, destroy),

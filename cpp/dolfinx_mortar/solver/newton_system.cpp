@@ -302,13 +302,14 @@ NewtonSystem dolfinx_mortar::linearise(const Coupling& coupling,
                                            { return i.is_current(); });
   if (current)
   {
+    // The largest first: its blocks make room
+    s.K_c = derivatives.force.assemble(s.comm, s.size_u, s.size_u);
     const Matrix by_normals
         = derivatives.by_normals.assemble(s.comm, s.size_z, s.size_z);
     const Matrix normals
         = derivatives.normals.assemble(s.comm, s.size_z, s.size_u);
     add_product(coupling, by_normals.get(), normals.get(),
                 derivatives.constraints);
-    s.K_c = derivatives.force.assemble(s.comm, s.size_u, s.size_u);
   }
   s.C_u = derivatives.constraints.assemble(s.comm, s.size_z, s.size_u);
   return s;
