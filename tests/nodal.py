@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dolfinx_mortar as dm
 import numpy as np
+from dolfinx import fem
 
 
 def number(interface: dm.Interface) -> int:
@@ -45,3 +46,18 @@ def displacements(problem: dm.ContactProblem) -> np.ndarray:
     sizes = [3 * V.dofmap.index_map.size_local for V in problem.spaces]
     u = problem.u if isinstance(problem.u, list | tuple) else [problem.u]
     return np.concatenate([w.x.array[:n] for w, n in zip(u, sizes, strict=True)])
+
+
+def by_position(*functions: fem.Function) -> np.ndarray:
+    """Values at all nodes, ordered by position: the same whatever the partition.
+
+    A mesh that is made twice may be cut in different places.
+    """
+    tables = []
+    for u in functions:
+        V = u.function_space
+        n = V.dofmap.index_map.size_local
+        rows = np.hstack([V.tabulate_dof_coordinates()[:n], u.x.array.reshape(-1, 3)[:n]])
+        rows = np.vstack(V.mesh.comm.allgather(rows))
+        tables.append(rows[np.lexsort(np.round(rows[:, :3], 9).T), 3:])
+    return np.vstack(tables)

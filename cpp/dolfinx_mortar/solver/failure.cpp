@@ -100,8 +100,14 @@ std::string dolfinx_mortar::explain(const FailedSolve& solve,
   {
     // Collective, while the message may be that of one rank
     const std::string cover = barely_covered(solve);
+    // Systems of iterates that have gone astray may be singular
+    const bool astray = solve.history.size() > 2
+                        and message.find("load step") == std::string::npos;
     if (!message.empty())
-      cause = message + (complete ? "" : messages::smaller_steps) + cover;
+    {
+      cause = message + (complete and !astray ? "" : messages::smaller_steps)
+              + cover;
+    }
   }
   return cause.empty()
              ? ""
