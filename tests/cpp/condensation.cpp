@@ -213,8 +213,9 @@ SmallProblem::SmallProblem(int at_edge, bool coupled, bool tied)
   auto rows = [&](const MatrixXd& A, bool of_z, bool by_z)
   {
     const int own = of_z ? s.size_z : s.size_u;
+    // PETSc wants a diagonal for unit rows, as the library's own matrices have
     return unit::from_dense(comm, A, own * rank, own,
-                            by_z ? s.size_z : s.size_u);
+                            by_z ? s.size_z : s.size_u, of_z and by_z);
   };
   s.K = rows(K, false, false);
   s.K_c = rows(K_c, false, false);

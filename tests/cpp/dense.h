@@ -81,11 +81,13 @@ inline MatrixXd to_dense(Mat A)
 }
 
 /// Rows [row, row + num_rows) of a dense matrix as those of this rank; zeros
-/// are left out. Collective.
+/// are left out, but for those on the diagonal where this is wanted.
+/// Collective.
 inline dolfinx_mortar::Matrix from_dense(MPI_Comm comm, const MatrixXd& dense,
                                          Eigen::Index row,
                                          Eigen::Index num_rows,
-                                         Eigen::Index num_columns)
+                                         Eigen::Index num_columns,
+                                         bool diagonal = false)
 {
   std::vector<PetscInt> offsets = {0}, columns;
   std::vector<double> values;
@@ -93,7 +95,7 @@ inline dolfinx_mortar::Matrix from_dense(MPI_Comm comm, const MatrixXd& dense,
   {
     for (Eigen::Index k = 0; k < dense.cols(); ++k)
     {
-      if (dense(i, k) != 0)
+      if (dense(i, k) != 0 or (diagonal and i == k))
       {
         columns.push_back(k);
         values.push_back(dense(i, k));

@@ -250,7 +250,9 @@ std::vector<double> LinearSolver::solve_saddle_point(const NewtonSystem& s,
       "MatCreateNest");
   check(MatConvert(nest.get(), MATAIJ, MAT_INITIAL_MATRIX, A.put()),
         "MatConvert");
-  const Vector b = create_vector(s.comm, r);
+  // Prescribed values are on the right-hand side already; PETSc reads them
+  // while it changes that
+  const Vector b = create_vector(s.comm, r), values = create_vector(s.comm, r);
   PetscInt begin;
   check(MatGetOwnershipRange(A.get(), &begin, nullptr), "MatGetOwnershipRange");
   check(MatSetOption(A.get(), MAT_KEEP_NONZERO_PATTERN, PETSC_TRUE),
@@ -258,8 +260,8 @@ std::vector<double> LinearSolver::solve_saddle_point(const NewtonSystem& s,
   std::vector<PetscInt> fixed;
   for (std::int32_t dof : s.fixed)
     fixed.push_back(begin + dof);
-  check(MatZeroRowsColumns(A.get(), fixed.size(), fixed.data(), 1.0, b.get(),
-                           b.get()),
+  check(MatZeroRowsColumns(A.get(), fixed.size(), fixed.data(), 1.0,
+                           values.get(), b.get()),
         "MatZeroRowsColumns");
   return run(A.get(), local_values(b.get()));
 }
