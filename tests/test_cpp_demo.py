@@ -1,9 +1,7 @@
 """The C++ demos, built in a clean folder against an installed library."""
 
-import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,28 +12,11 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from programs import BUILD, run
 
 DEMO = Path(__file__).parents[1] / "demos" / "cpp"
-BUILD = Path(dm.cpp.__file__).parents[2]  # where <build>/python/dolfinx_mortar/cpp*.so is
 
 pytestmark = [pytest.mark.serial, pytest.mark.slow]
-
-
-def run(*command, cwd=None):
-    # MPI adds to the environment of this process what mpirun must not see; os.environ lacks it.
-    # Ranks that wait for others leave the processor to them.
-    done = subprocess.run(
-        [str(c) for c in command],
-        env=dict(os.environ, OMPI_MCA_mpi_yield_when_idle="1"),
-        cwd=cwd,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stdout[-4000:]
-    return done.stdout
 
 
 @pytest.fixture(scope="module")

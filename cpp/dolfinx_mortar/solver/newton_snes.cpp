@@ -140,9 +140,7 @@ PetscErrorCode Newton::precheck(SNESLineSearch, Vec x, Vec y,
   Newton& self = *static_cast<Newton*>(context);
   *changed = PETSC_TRUE;
   Run& run = *self._run;
-  int raised = static_cast<bool>(run.raised);
-  MPI_Allreduce(MPI_IN_PLACE, &raised, 1, MPI_INT, MPI_LOR,
-                self._coupling.comm());
+  const bool raised = any(self._coupling.comm(), static_cast<bool>(run.raised));
   if (!raised)
     self.guarded([&] { self.shorten(VectorView(x).get(), y); });
   if (raised or run.raised)
@@ -198,9 +196,7 @@ PetscErrorCode Newton::apply(PC pc, Vec x, Vec y)
   PetscCall(PCShellGetContext(pc, &context));
   Newton& self = *static_cast<Newton*>(context);
   Run& run = *self._run;
-  int raised = static_cast<bool>(run.raised);
-  MPI_Allreduce(MPI_IN_PLACE, &raised, 1, MPI_INT, MPI_LOR,
-                self._coupling.comm());
+  const bool raised = any(self._coupling.comm(), static_cast<bool>(run.raised));
   if (!raised)
   {
     self.guarded(

@@ -1,0 +1,29 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Programs that tests run: the C++ demos and unit tests of the build."""
+
+import os
+import subprocess
+from pathlib import Path
+
+import dolfinx_mortar as dm
+
+BUILD = Path(dm.cpp.__file__).parents[2]  # where <build>/python/dolfinx_mortar/cpp*.so is
+
+
+def run(*command, cwd=None, timeout=300):
+    """Run a command, which must succeed; returns what it writes."""
+    # MPI adds to the environment of this process what mpirun must not see; os.environ lacks it.
+    # Ranks that wait for others leave the processor to them.
+    done = subprocess.run(
+        [str(c) for c in command],
+        env=dict(os.environ, OMPI_MCA_mpi_yield_when_idle="1"),
+        cwd=cwd,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=timeout,
+    )
+    assert done.returncode == 0, done.stdout[-8000:]
+    return done.stdout
