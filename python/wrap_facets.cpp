@@ -149,7 +149,8 @@ void wrap_enums(nb::module_& m)
   nb::enum_<MultiplierSpace>(m, "MultiplierSpace", "Spaces of multipliers")
       .value("standard", MultiplierSpace::standard)
       .value("dual", MultiplierSpace::dual)
-      .value("dual_linear", MultiplierSpace::dual_linear);
+      .value("dual_linear", MultiplierSpace::dual_linear)
+      .value("dual_reproducing", MultiplierSpace::dual_reproducing);
   nb::enum_<Integration>(m, "Integration", "How the overlap is integrated")
       .value("segment", Integration::segment)
       .value("element", Integration::element);

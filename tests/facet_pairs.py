@@ -14,6 +14,7 @@ TYPE = {kind: getattr(cpp.FacetType, kind) for kind in oracle.KINDS}
 SPACE = {
     "dual": cpp.MultiplierSpace.dual,
     "dual-linear": cpp.MultiplierSpace.dual_linear,
+    "dual-reproducing": cpp.MultiplierSpace.dual_reproducing,
     "standard": cpp.MultiplierSpace.standard,
 }
 INTEGRATION = {"segment": cpp.Integration.segment, "element": cpp.Integration.element}
@@ -99,6 +100,17 @@ class Pairing:
             degree,
             derivatives,
         )
+
+
+def edge_flags(kind: str, multiplier: str, covered: bool) -> np.ndarray | None:
+    """Flags of the nodes of a facet as the library sets them where functions need them.
+
+    Only "dual-reproducing" on tri6 and quad8 does: the others are made of functions whose mass
+    matrix is positive definite whatever is covered.
+    """
+    if covered or not oracle.is_reproducing(kind, multiplier):
+        return None
+    return np.ones(len(oracle.REFERENCE_NODES[kind]), np.int8)
 
 
 def in_facet_order(surface: oracle.Surface) -> np.ndarray:

@@ -34,7 +34,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 KINDS = ("tri3", "tri6", "quad4", "quad8", "quad9")
-MULTIPLIERS = ("dual", "dual-linear", "standard")
+MULTIPLIERS = ("dual", "dual-linear", "dual-reproducing", "standard")
 
 # They put the centroid of a corner's transformed function on its node.
 ALPHA = {"tri6": 1 / 12, "quad8": 1 / 5}
@@ -138,26 +138,44 @@ def evaluate(kind: str, x: np.ndarray, xi: np.ndarray) -> tuple[np.ndarray, np.n
     return values @ x, derivatives @ x
 
 
-def transformation(kind: str, multiplier: str) -> np.ndarray:
+def is_reproducing(kind: str, multiplier: str) -> bool:
+    """Whether multiplier functions are made of the (bi)linear functions of the corners."""
+    return multiplier == "dual-reproducing" and kind in ("tri6", "quad8")
+
+
+def space_on(kind: str, multiplier: str) -> str:
+    """The space that a facet of some kind has: "dual" in place of "dual-reproducing" on most."""
+    other = multiplier == "dual-reproducing" and not is_reproducing(kind, multiplier)
+    return "dual" if other else multiplier
+
+
+def transformation(
+    kind: str, multiplier: str, nonnegative: np.ndarray | None = None
+) -> np.ndarray:
     """T of one facet, N~^T = N^T T, so that the dofs transform as d~ = T^-1 d.
 
     Args:
         kind: Facet kind.
-        multiplier: "dual", "dual-linear" or "standard" (the last one leaves N as it is).
+        multiplier: One of MULTIPLIERS ("standard" leaves N as it is).
+        nonnegative: Flags of the facet's nodes, for "dual-reproducing": edges of partly covered
+            facets.
 
     Returns:
         Square matrix; column k holds N~_k in terms of N.
     """
     T = np.eye(len(REFERENCE_NODES[kind]))
-    corners = num_corners(kind)
-    if multiplier == "dual" and kind in ALPHA:
+    corners, multiplier = num_corners(kind), space_on(kind, multiplier)
+    if multiplier == "dual-reproducing":
+        share, own = ALPHA[kind], 1.0
+    elif multiplier == "dual" and kind in ALPHA:
         share, own = ALPHA[kind], 1 - 2 * ALPHA[kind]
     elif multiplier == "dual-linear" and kind in ("tri6", "quad8", "quad9"):
         share, own = 1 / 2, 1.0
     else:
         return T
     for e, pair in enumerate(edges(kind)):
-        T[corners + e, list(pair)] = share
+        flagged = multiplier == "dual-reproducing" and nonnegative is not None
+        T[corners + e, list(pair)] = 1 / 2 if flagged and nonnegative[corners + e] else share
         T[corners + e, corners + e] = own
     if multiplier == "dual-linear" and kind == "quad9":
         T[8, :4] = 1 / 4
@@ -166,7 +184,7 @@ def transformation(kind: str, multiplier: str) -> np.ndarray:
 
 def multiplier_nodes(kind: str, multiplier: str) -> np.ndarray:
     """Local nodes of a facet that have multiplier functions."""
-    if multiplier == "dual":
+    if space_on(kind, multiplier) == "dual":
         return np.arange(len(REFERENCE_NODES[kind]))
     if multiplier == "standard" and kind == "quad9":
         return np.arange(9)
@@ -175,8 +193,9 @@ def multiplier_nodes(kind: str, multiplier: str) -> np.ndarray:
 
 def _primal_functions(kind: str, multiplier: str, xi: np.ndarray) -> np.ndarray:
     """The functions that span the multiplier space on a facet, shape (points, multiplier nodes):
-    N~ for the dual spaces, Phi itself for the standard one."""
-    count = len(multiplier_nodes(kind, multiplier))
+    N~ for the dual spaces ((bi)linear ones for "dual-reproducing"), Phi itself for the standard
+    one."""
+    count, multiplier = len(multiplier_nodes(kind, multiplier)), space_on(kind, multiplier)
     if multiplier == "dual":
         return shape_functions(kind, xi)[0] @ transformation(kind, multiplier)
     if count == num_corners(kind):
@@ -596,7 +615,9 @@ class Mortar:
     slivers: list[int]
 
 
-def global_transformation(slave: Surface, multiplier: str) -> tuple[np.ndarray, np.ndarray]:
+def global_transformation(
+    slave: Surface, multiplier: str, nonnegative: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """T and T^-1 for all nodes of a surface.
 
     Raises:
@@ -604,7 +625,8 @@ def global_transformation(slave: Surface, multiplier: str) -> tuple[np.ndarray, 
     """
     T, known = np.eye(len(slave.x)), {}
     for kind, nodes in slave.facets:
-        local = transformation(kind, multiplier)
+        flags = None if nonnegative is None else nonnegative[nodes]
+        local = transformation(kind, multiplier, flags)
         for i, row in enumerate(local):
             entries = {int(nodes[k]): value for k, value in enumerate(row) if value != 0}
             if known.setdefault(int(nodes[i]), entries) != entries:
@@ -642,13 +664,14 @@ def mortar(
     normals: np.ndarray | None = None,
     sliver: float = 1e-10,
     whole_facet_rules: dict[str, Rule] | None = None,
+    nonnegative: np.ndarray | None = None,
 ) -> Mortar:
     """All mortar integrals of one interface.
 
     Args:
         slave: Slave surface.
         master: Master surface.
-        multiplier: "dual", "dual-linear" or "standard".
+        multiplier: One of MULTIPLIERS.
         dropped: Slave nodes that have no multiplier; on each facet their functions are shared
             equally among the facet's remaining multiplier nodes.
         fixed: Displacement components prescribed at slave nodes, shape (nodes, 3), for the normals.
@@ -660,6 +683,7 @@ def mortar(
             coefficients come from the whole facet, covered or not, and D~ is made diagonal by
             putting the row sums of M there, as 4C does for second order. With rules that are not
             exact, the functions are then biorthogonal only nearly.
+        nonnegative: Flags of the slave nodes, see `transformation`.
 
     Returns:
         D, M, gap and what belongs to them.
@@ -671,7 +695,7 @@ def mortar(
         facet_points = segment_points(slave, master, points)
     if normals is None:
         normals = averaged_normals(slave, fixed)
-    T, T_inverse = global_transformation(slave, multiplier)
+    T, T_inverse = global_transformation(slave, multiplier, nonnegative)
     n_slave, n_master = len(slave.x), len(master.x)
     D, D_tilde = np.zeros((n_slave, n_slave)), np.zeros((n_slave, n_slave))
     M, gap, weight = np.zeros((n_slave, n_master)), np.zeros(n_slave), np.zeros(n_slave)
@@ -695,8 +719,14 @@ def mortar(
         w, xi = quadrature.weight, quadrature.xi
         N = shape_functions(kind, xi)[0]
         primal = _primal_functions(kind, multiplier, xi)
+        flags = None if nonnegative is None else nonnegative[nodes]
+        N_tilde = N @ transformation(kind, multiplier, flags)
         if multiplier == "standard":
             A = np.eye(len(local))
+        elif is_reproducing(kind, multiplier):
+            biorthogonal = N_tilde[:, : len(local)]
+            mixed = primal.T @ (w[:, None] * biorthogonal)
+            A = (w @ biorthogonal)[:, None] * np.linalg.inv(mixed)
         elif whole_facet_rules is None:
             A = dual_coefficients(primal, w)
         else:
@@ -717,7 +747,6 @@ def mortar(
             M[np.ix_(rows, m_nodes)] += phi[here].T @ (w[here, None] * m_N)
         difference = N @ x - x_master
         D[np.ix_(rows, nodes)] += phi.T @ (w[:, None] * N)
-        N_tilde = N @ transformation(kind, multiplier)
         D_tilde[np.ix_(rows, nodes)] += phi.T @ (w[:, None] * N_tilde)
         weight[rows] += w @ phi
         gap[rows] -= (w * np.einsum("pi,pi->p", normal, difference)) @ phi

@@ -105,7 +105,7 @@ def assert_same(first, second, tolerance):
                     assert i[key] == pytest.approx(j[key], rel=1e-5, abs=tolerance)
 
 
-@pytest.mark.parametrize("multiplier", ["dual", "dual-linear"])
+@pytest.mark.parametrize("multiplier", ["dual", "dual-linear", "dual-reproducing"])
 def test_condensed_iterates_are_those_of_the_saddle_point(multiplier):
     times, found = (1.0, 2.0), []
     for condense in (True, False):

@@ -149,6 +149,7 @@ def test_reference(pair, multiplier):
         (KINDS[1], "standard", "element"),
         (KINDS[2], "dual", "element"),
         (KINDS[3], "dual-linear", "segment"),
+        (KINDS[2], "dual-reproducing", "element"),
         (KINDS[4], "standard", "segment"),
     ],
 )
@@ -166,7 +167,9 @@ def compare(case, pair, multiplier, integration):
         assert np.abs(A - theirs[name]).max() < 1e-12 * np.abs(theirs[name]).max(), name
 
 
-@pytest.mark.parametrize(("pair", "multiplier"), [(KINDS[2], "dual"), (KINDS[3], "dual-linear")])
+@pytest.mark.parametrize(
+    ("pair", "multiplier"), [(KINDS[2], "dual-reproducing"), (KINDS[3], "dual-linear")]
+)
 @pytest.mark.parametrize("deal", ["apart", "random", "one"])
 def test_any_partition(pair, multiplier, deal, monkeypatch):
     """Slave and master on different ranks, cells dealt out at random, all on the last rank."""
@@ -228,7 +231,7 @@ def test_constraints(pair):
         assert (masters % 3 == dof % 3).all()
 
 
-@pytest.mark.parametrize("multiplier", ["dual"])
+@pytest.mark.parametrize("multiplier", ["dual", "dual-reproducing"])
 def test_same_solution_on_all_ranks(multiplier):
     """Displacements of a state that is not uniform."""
     case, alone = curved(("quad8", "tri6")), curved(("quad8", "tri6"), MPI.COMM_SELF)
@@ -243,7 +246,7 @@ def test_same_solution_on_all_ranks(multiplier):
 
 
 @pytest.mark.serial
-@pytest.mark.parametrize("multiplier", ["dual-linear", "standard"])
+@pytest.mark.parametrize("multiplier", ["dual-linear", "dual-reproducing", "standard"])
 def test_no_sparse_inverse(multiplier):
     _, tie = coupled(curved(KINDS[2]), multiplier=multiplier)
     for name in ("D_inverse", "P"):

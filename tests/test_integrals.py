@@ -6,7 +6,7 @@ import numpy as np
 import oracle
 import pytest
 from dolfinx_mortar import cpp
-from facet_pairs import INTEGRATION, PAIRINGS, TYPE, in_facet_order, random_pairing
+from facet_pairs import INTEGRATION, PAIRINGS, TYPE, edge_flags, in_facet_order, random_pairing
 
 pytestmark = pytest.mark.serial
 pairings = pytest.mark.parametrize("pairing", PAIRINGS, ids="-".join)
@@ -32,13 +32,21 @@ def test_segments(pairing, covered):
     n = len(p.slave.x)
     points = oracle.segment_points(p.slave, p.master, 10)
     for multiplier in oracle.MULTIPLIERS:
+        flags = edge_flags(pairing[0], multiplier, covered)
         for dropped in ([], [0], [0, 2]):
             has_multiplier = np.ones(n, bool)
             has_multiplier[dropped] = False
             reference = oracle.mortar(
-                p.slave, p.master, multiplier, dropped=dropped, facet_points=points
+                p.slave,
+                p.master,
+                multiplier,
+                dropped=dropped,
+                facet_points=points,
+                nonnegative=flags,
             )
-            ours = p.integrate(multiplier, degree=18, has_multiplier=has_multiplier)
+            ours = p.integrate(
+                multiplier, degree=18, has_multiplier=has_multiplier, nonnegative=flags
+            )
             assert ours["area"] == pytest.approx(reference.area[0], rel=1e-10)
             worst = differences(ours, quantities(reference))
             assert max(worst.values()) < 1e-8, (multiplier, dropped, worst)
@@ -67,8 +75,11 @@ def test_elements(pairing, covered):
     rule = slave_rule(pairing[0], degree)
     points = oracle.element_points(p.slave, p.master, {pairing[0]: rule})
     for multiplier in oracle.MULTIPLIERS:
-        reference = oracle.mortar(p.slave, p.master, multiplier, facet_points=points)
-        ours = p.integrate(multiplier, "element", degree=degree)
+        flags = edge_flags(pairing[0], multiplier, covered)
+        reference = oracle.mortar(
+            p.slave, p.master, multiplier, facet_points=points, nonnegative=flags
+        )
+        ours = p.integrate(multiplier, "element", degree=degree, nonnegative=flags)
         assert ours["area"] == pytest.approx(reference.area[0], rel=1e-12)
         worst = differences(ours, quantities(reference))
         assert max(worst.values()) < 1e-9, (multiplier, worst)
@@ -114,11 +125,12 @@ def test_rigid_motion(multiplier):
     q *= np.sign(np.linalg.det(q))
     for pairing in PAIRINGS[::6]:
         p = random_pairing(*pairing, 10, covered=False)
-        r = p.integrate(multiplier)
+        flags = edge_flags(pairing[0], multiplier, covered=False)
+        r = p.integrate(multiplier, nonnegative=flags)
         for side in ("slave", "master"):
             s = getattr(p, side)
             setattr(p, side, oracle.Surface(s.x @ q.T + [3, -2, 5], s.facets, s.sign))
-        t = p.integrate(multiplier)
+        t = p.integrate(multiplier, nonnegative=flags)
         scale = np.abs(r["M"]).max()
         for name in ("D", "M", "gap"):
             assert np.abs(t[name] - r[name]).max() < 1e-11 * scale

@@ -19,6 +19,7 @@ KINDS = {
     "contact": (dm.Contact, {}),
     "friction": (dm.Contact, {"friction": 0.3}),
     "corners": (dm.Contact, {"multiplier": "dual-linear"}),
+    "linear tractions": (dm.Contact, {"multiplier": "dual-reproducing", "friction": 0.3}),
 }
 
 

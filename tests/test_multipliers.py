@@ -6,7 +6,15 @@ import numpy as np
 import oracle
 import pytest
 from dolfinx_mortar import cpp
-from facet_pairs import PAIRINGS, SPACE, TYPE, Pairing, beyond_an_edge, random_pairing
+from facet_pairs import (
+    PAIRINGS,
+    SPACE,
+    TYPE,
+    Pairing,
+    beyond_an_edge,
+    edge_flags,
+    random_pairing,
+)
 
 pytestmark = pytest.mark.serial
 DUAL = ("dual", "dual-linear")
@@ -172,13 +180,16 @@ def test_no_negative_weights_beyond_an_edge(kind):
 def test_partition_of_unity(pairing, multiplier, integration, covered):
     """The functions add up to one: column sums of D are integrals of N, of nodes that share too."""
     rng = np.random.default_rng(5)
+    flags = edge_flags(pairing[0], multiplier, covered)
     for p in examples(pairing, 2, covered):
         n = len(p.slave.x)
         some = np.ones(n, bool)
         some[rng.permutation(oracle.num_corners(pairing[0]))[:2]] = False
         inner = p.integrate("standard", integration)["D"].sum(axis=0)
         for has_multiplier in (np.ones(n, bool), some):
-            r = p.integrate(multiplier, integration, has_multiplier=has_multiplier)
+            r = p.integrate(
+                multiplier, integration, has_multiplier=has_multiplier, nonnegative=flags
+            )
             assert np.abs(r["D"].sum(axis=0) - inner).max() < 1e-13 * r["area"]
             assert r["D"].sum() == pytest.approx(r["area"], rel=1e-13)
 
@@ -191,9 +202,10 @@ def test_row_sums(pairing, multiplier, integration, covered):
     """Of D and M are equal, for any rule: a translation has no effect, and forces balance."""
     # A slave facet's own points must be many enough for dual functions on the covered part
     degrees = {"segment": (None, 5, 7), "element": (None, 11, 13)}[integration]
+    flags = edge_flags(pairing[0], multiplier, covered)
     facets = examples(pairing, 3, covered, (integration,), degrees)
     for p, degree in zip(facets, degrees, strict=True):
-        r = p.integrate(multiplier, integration, degree=degree)
+        r = p.integrate(multiplier, integration, degree=degree, nonnegative=flags)
         scale = np.abs(r["M"]).sum(axis=1).max()
         assert np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() < 1e-13 * scale
 
@@ -233,3 +245,43 @@ def test_idle_nodes_leave_their_neighbours_alone(pairing):
             assert np.array_equal(idle[name][others], everywhere[name][others])
             assert not np.any(idle[name][k])
         assert not np.allclose(shared["gap"][others], everywhere["gap"][others])
+
+
+@pytest.mark.parametrize("kind", ["tri6", "quad8"])
+@integrations
+def test_linear_tractions_are_reproduced(kind, integration):
+    """By "dual-reproducing" on affine facets: λ_h is the function whose values corners have."""
+    x = oracle.REFERENCE_NODES[kind] @ [[1.2, 0.3, 0], [-0.4, 0.9, 0]]
+    slave = oracle.Surface(x, [(kind, np.arange(len(x)))], np.ones(1))
+    low, high = x.min(axis=0) - 0.1, x.max(axis=0) + 0.1
+    p = Pairing(slave, oracle.patch("quad4", (1, 1), lower=low[:2], upper=high[:2], outward=-1))
+    r = p.integrate("dual-reproducing", integration)
+    corners = oracle.num_corners(kind)
+    xi, w = oracle.facet_rule(kind, 8)
+    N = oracle.shape_functions(kind, xi)[0]
+    w = w * r["area"] / w.sum()
+    for z in (np.ones(len(x)), x[:, 0], x[:, 1]):
+        expected = (w * (N @ z)) @ N
+        assert np.abs(z[:corners] @ r["D"][:corners] - expected).max() < 1e-13 * r["area"]
+    assert not r["D"][corners:].any()
+
+
+@pytest.mark.parametrize("pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join)
+@integrations
+@pytest.mark.parametrize("covered", [True, False], ids=["covered", "partly covered"])
+def test_corner_functions_are_biorthogonal(pairing, integration, covered):
+    """Of "dual-reproducing": to the transformed functions of the corners, with any flags."""
+    corners, n = oracle.num_corners(pairing[0]), len(oracle.REFERENCE_NODES[pairing[0]])
+    rng = np.random.default_rng(5)
+    for p in examples(pairing, 3, covered):
+        for flags in (np.ones(n, np.int8), rng.integers(0, 2, n).astype(np.int8)):
+            r = p.integrate("dual-reproducing", integration, nonnegative=flags)
+            if not flags.all() and not r["covered"]:
+                continue  # integrals of functions that change their sign may vanish
+            D, scale = r["D_tilde"][:corners, :corners], r["area"]
+            assert np.abs(D - np.diag(np.diag(D))).max() < 1e-13 * scale
+            assert np.abs(r["D"].sum(axis=1) - r["M"].sum(axis=1)).max() < 1e-13 * scale
+            assert r["D"].sum() == pytest.approx(scale, rel=1e-13)
+            if flags.all():
+                assert np.diag(D).min() > 0
+                assert np.abs(np.diag(D) - r["coverage"][:corners]).max() < 1e-13 * scale

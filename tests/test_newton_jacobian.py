@@ -11,6 +11,7 @@ import cases
 import dolfinx_mortar as dm
 import nodal
 import numpy as np
+import oracle
 import pytest
 from corner import corner
 from mirrored import level, model, punch
@@ -176,7 +177,7 @@ def test_mixed_order_pairs(pair):
     assert error < 1e-6
 
 
-@pytest.mark.parametrize("multiplier", ["dual", "dual-linear", "standard"])
+@pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
 @pytest.mark.parametrize("friction", [None, 0.3], ids=["frictionless", "friction"])
 @pytest.mark.parametrize("pair", [("hex20", "hex20"), ("tet10", "hex27")], ids="-".join)
 def test_multipliers(multiplier, friction, pair):

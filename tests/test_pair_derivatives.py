@@ -10,7 +10,7 @@ import numpy as np
 import oracle
 import pytest
 from dolfinx_mortar import cpp
-from facet_pairs import PAIRINGS, Pairing, beyond_an_edge, random_pairing
+from facet_pairs import PAIRINGS, Pairing, beyond_an_edge, edge_flags, random_pairing
 
 pytestmark = pytest.mark.serial
 pairings = pytest.mark.parametrize("pairing", PAIRINGS, ids="-".join)
@@ -24,10 +24,10 @@ def moved(p, direction, h):
     return Pairing(p.slave.moved(h * direction[:n]), p.master.moved(h * direction[n:]))
 
 
-def generic(pairing, integration):
-    """A pairing that is covered in part, and smooth."""
+def generic(pairing, integration, covered=False):
+    """A pairing that is covered in part, or as a whole, and smooth."""
     return random_pairing(
-        *pairing, 11 if integration == "segment" else 7, covered=False, distort=0.04
+        *pairing, 11 if integration == "segment" else 7, covered=covered, distort=0.04
     )
 
 
@@ -81,7 +81,19 @@ def only(p, f):
 @pytest.mark.parametrize("left", [0, -1])
 def test_integrals(pairing, integration, multiplier, left):
     """Contact force, weighted gap, position; one node shares its function, or is idle."""
-    check(generic(pairing, integration), multiplier, integration=integration, left=left)
+    flags = edge_flags(pairing[0], multiplier, covered=False)
+    p = generic(pairing, integration)
+    check(p, multiplier, integration=integration, left=left, nonnegative=flags)
+
+
+@pytest.mark.parametrize("pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join)
+@integrations
+def test_corner_functions_of_whole_facets(pairing, integration):
+    """Those of "dual-reproducing" where no edge is flagged: G is not symmetric then; and mixed."""
+    n = len(oracle.REFERENCE_NODES[pairing[0]])
+    p = generic(pairing, integration, covered=True)
+    for flags in (None, np.arange(n, dtype=np.int8) % 2):
+        check(p, "dual-reproducing", integration=integration, nonnegative=flags)
 
 
 @pytest.mark.parametrize("kind", ["tri6", "quad8", "quad9"])

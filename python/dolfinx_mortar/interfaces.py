@@ -24,6 +24,7 @@ _SPACES = {
     "standard": cpp.MultiplierSpace.standard,
     "dual": cpp.MultiplierSpace.dual,
     "dual-linear": cpp.MultiplierSpace.dual_linear,
+    "dual-reproducing": cpp.MultiplierSpace.dual_reproducing,
 }
 _INTEGRATIONS = {
     "segment": cpp.Integration.segment,

@@ -7,6 +7,7 @@
 #include <catch2/generators/catch_generators.hpp>
 #include <catch2/generators/catch_generators_range.hpp>
 #include <dolfinx_mortar/assembly/basis.h>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 
 using namespace dolfinx_mortar;
 using unit::Grid;
@@ -16,12 +17,20 @@ namespace
 {
 Point flat(double x, double y) { return {x, y, 0}; }
 
+/// Nodes of some facets.
+std::set<int> nodes_of(const Grid& g, const std::set<int>& facets)
+{
+  std::set<int> nodes;
+  for (int f : facets)
+    nodes.insert(g.facets[f].begin(), g.facets[f].end());
+  return nodes;
+}
+
 /// Nodes of some facets and of all facets around them.
 std::set<int> nodes_around(const Grid& g, const std::set<int>& facets)
 {
-  std::set<int> within, around;
-  for (int f : facets)
-    within.insert(g.facets[f].begin(), g.facets[f].end());
+  const std::set<int> within = nodes_of(g, facets);
+  std::set<int> around;
   for (const auto& nodes : g.facets)
   {
     if (std::ranges::any_of(nodes, [&](int k) { return within.contains(k); }))
@@ -61,7 +70,16 @@ TEST_CASE("functions are changed where a master ends, and around there",
     for (auto flag : flag_nonnegative(interface, shares(g, facets, 0.02)))
       CHECK(flag == 0);
   }
-  // Only the dual space has functions to change
+  // With dual_reproducing on tri6 and quad8 the nodes of these facets alone
+  interface.options.space = MultiplierSpace::dual_reproducing;
+  const auto own = flag_nonnegative(interface, shares(g, {14}, 0.4));
+  const bool reproducing
+      = is_reproducing(MultiplierSpace::dual_reproducing, type);
+  const std::set<int> expected
+      = reproducing ? nodes_of(g, {14}) : nodes_around(g, {14});
+  for (std::size_t k = 0; k < own.size(); ++k)
+    CHECK((own[k] != 0) == expected.contains(g.surface.blocks[k]));
+  // Other spaces have no functions to change
   interface.options.space = MultiplierSpace::dual_linear;
   for (auto flag : flag_nonnegative(interface, shares(g, {0, 14}, 0.4)))
     CHECK(flag == 0);

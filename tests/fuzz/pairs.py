@@ -299,7 +299,11 @@ def largest_rows(example: Example) -> np.ndarray:
     if never_negative(example) and (w @ functions).min() <= 0:
         inside = in_reference(kind, xi)
         functions, w = functions[inside], w[inside]
-    if multiplier != "standard":
+    if oracle.is_reproducing(kind, multiplier):
+        corners = oracle.shape_functions("tri3" if count == 3 else "quad4", xi)[0]
+        inverse = np.linalg.inv(corners.T @ (w[:, None] * functions))
+        functions = corners @ ((w @ functions)[:, None] * inverse).T
+    elif multiplier != "standard":
         functions = functions @ oracle.dual_coefficients(functions, w).T
     has_multiplier = options["has_multiplier"][:count].astype(bool)
     shared = np.zeros(len(p.slave.x))

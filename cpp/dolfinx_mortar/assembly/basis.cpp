@@ -81,8 +81,11 @@ dolfinx_mortar::nodal_weights(const Interface& interface,
   {
     auto nodes = facet_nodes(s, f);
     gather(nodes, nonnegative, 1, flags);
-    const FacetMatrix T
-        = transformation(interface.options.space, s.types[f], flags);
+    const MultiplierSpace space = interface.options.space;
+    // All edges flagged: Ñ_c = ψ_c
+    if (is_reproducing(space, s.types[f]))
+      std::ranges::fill(flags, 1);
+    const FacetMatrix T = transformation(space, s.types[f], flags);
     const std::span<const double> N = facets.shape_integrals(f);
     for (std::size_t k = 0; k < nodes.size(); ++k)
     {
@@ -102,7 +105,9 @@ dolfinx_mortar::flag_nonnegative(const Interface& interface,
   const Surface& s = interface.slave;
   const std::int32_t num = num_local_nodes(s);
   std::vector<std::int8_t> flags(num, 0);
-  if (interface.options.space != MultiplierSpace::dual)
+  const MultiplierSpace space = interface.options.space;
+  if (space != MultiplierSpace::dual
+      and space != MultiplierSpace::dual_reproducing)
     return flags;
 
   // Nodes of facets that are not covered as a whole
@@ -117,12 +122,18 @@ dolfinx_mortar::flag_nonnegative(const Interface& interface,
   }
   share(s, partly);
 
-  // Nodes of facets around
+  // Nodes of facets around. Where Φ are made of ψ the edges of such facets
+  // alone do, and those around keep what linear tractions need.
   std::vector<std::int32_t> around(num, 0);
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
     auto nodes = facet_nodes(s, f);
-    if (std::ranges::any_of(nodes, [&](auto k) { return partly[k] > 0; }))
+    if (is_reproducing(space, s.types[f]))
+    {
+      for (auto k : nodes)
+        around[k] |= partly[k] > 0;
+    }
+    else if (std::ranges::any_of(nodes, [&](auto k) { return partly[k] > 0; }))
     {
       for (auto k : nodes)
         around[k] = 1;

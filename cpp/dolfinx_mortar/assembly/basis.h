@@ -8,7 +8,8 @@
 
 namespace dolfinx_mortar
 {
-/// @brief ∫ Ñ_j dγ over the whole slave surface, whether covered or not.
+/// @brief ∫ Ñ_j dγ over the whole slave surface, whether covered or not (∫ ψ_j
+/// where multipliers are made of ψ, see is_reproducing).
 /// Collective.
 /// @param[in] interface Interface.
 /// @param[in] nonnegative See Basis.
@@ -19,7 +20,8 @@ std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const double> x);
 
 /// @brief Flag the nodes that get functions which are nowhere negative: those
-/// of facets that the edge of a master crosses, and of all facets around them.
+/// of facets that the edge of a master crosses, and (with the space dual) of all
+/// facets around them.
 /// Collective.
 ///
 /// Parts that are too steep for the masters do not count. They are off contact,

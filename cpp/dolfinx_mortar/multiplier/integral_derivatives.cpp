@@ -4,15 +4,16 @@
 // Derivatives of the integrals of one slave facet with respect to the positions
 // of its nodes and those of its masters.
 //
-// Dual functions Φ_j = Σ a_jk Ñ_k depend on positions by their coefficients
-// A_e = D_e M_e⁻¹, which are not differentiated one by one. The multiplier is
-// λ_h = Σ c_k Ñ_k with M_e c = D_e z, so that
+// Dual functions Φ_j = Σ a_jk ν_k are made of ν = Ñ, or of the corners' ν = ψ
+// (see is_reproducing). They depend on positions by their coefficients A_e =
+// D_e M_e⁻¹, M_e = ∫ ν_j Ñ_k, which are not differentiated one by one. The
+// multiplier is λ_h = Σ c_k ν_k with M_eᵀ c = D_e z, so that
 //
-//   M_e dc = Σ_q d(w Ñ_k) z_k - d(w Ñ_k λ_h)|c,                           (a)
+//   M_eᵀ dc = Σ_q d(w Ñ_k) z_k - d(w Ñ_k λ_h)|c,                          (a)
 //
-// and, with M_e h = ∫ Ñ φ for a field φ (gap or jump), ∫ Φ φ = D_e h and
+// and, with M_e h = ∫ ν φ for a field φ (gap or jump), ∫ Φ φ = D_e h and
 //
-//   M_e dh = Σ_q d(w Ñ_k φ) - d(w Ñ_k φ_h)|h,  φ_h = Σ h_k Ñ_k.           (b)
+//   M_e dh = Σ_q d(w ν_k φ) - d(w ν_k φ_h)|h,  φ_h = Σ h_k Ñ_k.           (b)
 //
 // Positions enter a point by (ξ₁, ξ₂, η₁, η₂, w) alone, besides the explicit
 // part of φ. So each pair takes one product: partial derivatives by these five
@@ -134,9 +135,9 @@ FacetIntegrator::Linearisation::Linearisation(const Facet& facet,
   if (dual)
   {
     _c = _z.array().colwise() * facet.mass.array();
-    facet.chol.solve(_c);
+    facet.factors.solve_transposed(_c);
     _h = facet.b.leftCols(num_fields);
-    facet.chol.solve(_h);
+    facet.factors.solve(_h);
   }
   else
   {
@@ -176,11 +177,11 @@ void FacetIntegrator::Linearisation::add_pair(const PairPoints& points,
 void FacetIntegrator::Linearisation::interpolate(const PairShapes& s)
 {
   const int nl = _facet.nl;
-  _lambda.noalias() = s.Nt.leftCols(nl) * _c;
+  _lambda.noalias() = s.base(nl) * _c;
   _field_h.noalias() = s.Nt.leftCols(nl) * _h;
   for (int a = 0; a < 2; ++a)
   {
-    _d_lambda[a].noalias() = s.dNt[a].leftCols(nl) * _c;
+    _d_lambda[a].noalias() = s.dbase(a, nl) * _c;
     _d_field_h[a].noalias() = s.dNt[a].leftCols(nl) * _h;
   }
 }
@@ -191,8 +192,10 @@ void FacetIntegrator::Linearisation::fill_by_coordinates(const Rows& rows,
 {
   const int nl = _facet.nl, nm = s.Nm.cols();
   const int first = _first_other, other = _num_other;
+  const auto base = s.base(nl);
   for (int a = 0; a < 2; ++a)
   {
+    const auto dbase = s.dbase(a, nl);
     double* C_xi = _C.row(5 * q + a).data();
     double* C_eta = _C.row(5 * q + 2 + a).data();
     for (int k = 0; k < nl; ++k)
@@ -207,12 +210,13 @@ void FacetIntegrator::Linearisation::fill_by_coordinates(const Rows& rows,
               = dN * (_z(k, i) - _lambda(q, i)) - N * _d_lambda[a](q, i);
         }
       }
+      const double nu = w * base(q, k), dnu = w * dbase(q, k);
       for (int f = 0; f < _num_fields; ++f)
       {
         C_xi[rows.field + f * nl + k]
-            = dN * (s.field(q, f) - _field_h(q, f))
-              + N * (s.dfield[a](q, f) - _d_field_h[a](q, f));
-        C_eta[rows.field + f * nl + k] = N * s.dfield[2 + a](q, f);
+            = dnu * (s.field(q, f) - _field_h(q, f))
+              + nu * (s.dfield[a](q, f) - _d_field_h[a](q, f));
+        C_eta[rows.field + f * nl + k] = nu * s.dfield[2 + a](q, f);
       }
     }
     for (int i = 0; i < 3; ++i)
@@ -237,6 +241,7 @@ void FacetIntegrator::Linearisation::fill_by_weight(const Rows& rows,
 {
   const int nl = _facet.nl, nm = s.Nm.cols();
   const int first = _first_other, other = _num_other;
+  const auto base = s.base(nl);
   double* C_w = _C.row(5 * q + 4).data();
   for (int k = 0; k < nl; ++k)
   {
@@ -248,7 +253,10 @@ void FacetIntegrator::Linearisation::fill_by_weight(const Rows& rows,
         C_w[rows.load + i * nl + k] = N * (_z(k, i) - _lambda(q, i));
     }
     for (int f = 0; f < _num_fields; ++f)
-      C_w[rows.field + f * nl + k] = N * (s.field(q, f) - _field_h(q, f));
+    {
+      C_w[rows.field + f * nl + k]
+          = base(q, k) * (s.field(q, f) - _field_h(q, f));
+    }
   }
   for (int i = 0; i < 3; ++i)
   {
@@ -265,16 +273,16 @@ void FacetIntegrator::Linearisation::add_explicit_gap(const Rows& rows,
 {
   const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
   const Eigen::Map<const Eigen::VectorXd> w(points.w.data(), points.w.size());
-  const auto Nt = s.Nt.leftCols(nl);
+  const auto base = s.base(nl);
   for (int i = 0; i < 3; ++i)
   {
-    _WN = Nt.array().colwise() * (w.array() * s.normal.col(i).array());
+    _WN = base.array().colwise() * (w.array() * s.normal.col(i).array());
     const RowMatrix Gs = _WN.transpose() * s.N, Gm = _WN.transpose() * s.Nm;
     for (int k = 0; k < n; ++k)
       _table.block(rows.field, 3 * k + i, nl, 1) -= Gs.col(k);
     for (int k = 0; k < nm; ++k)
       _table.block(rows.field, 3 * (n + k) + i, nl, 1) += Gm.col(k);
-    _WN = Nt.array().colwise() * (w.array() * s.gap_normal.col(i).array());
+    _WN = base.array().colwise() * (w.array() * s.gap_normal.col(i).array());
     const RowMatrix Gn = _WN.transpose() * s.N;
     for (int k = 0; k < n; ++k)
       _d_normal.col(3 * k + i) += Gn.col(k);
@@ -287,7 +295,7 @@ void FacetIntegrator::Linearisation::add_explicit_jump(const Rows& rows,
 {
   const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
   const Eigen::Map<const Eigen::VectorXd> w(points.w.data(), points.w.size());
-  _WN = s.Nt.leftCols(nl).array().colwise() * w.array();
+  _WN = s.base(nl).array().colwise() * w.array();
   const RowMatrix Gs = _WN.transpose() * s.N, Gm = _WN.transpose() * s.Nm;
   for (int i = 0; i < 3; ++i)
   {
@@ -339,7 +347,7 @@ void FacetIntegrator::Linearisation::differentiate_force(RowMatrix& d_force)
     if (_facet.dual)
     {
       RowMatrix dc = _d_load.middleRows(i * nl, nl);
-      _facet.chol.solve(dc);
+      _facet.factors.solve_transposed(dc);
       _d_master.middleRows(i * m, m).noalias() += _facet.Sm.transpose() * dc;
       if (other > 0)
       {

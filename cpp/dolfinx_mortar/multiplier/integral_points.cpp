@@ -84,6 +84,7 @@ void FacetIntegrator::start(const FacetView& slave,
   _facet.dual = is_dual(_options.space);
   _facet.n = num_nodes(slave.type);
   _facet.nl = num_multipliers(_options.space, slave.type);
+  _facet.reproducing = is_reproducing(_options.space, slave.type);
 }
 //-----------------------------------------------------------------------------
 void FacetIntegrator::copy_masters(const FacetList& list,
@@ -184,6 +185,13 @@ void FacetIntegrator::tabulate_shapes(FacetType master,
 {
   tabulate_at(_facet.slave.type, points.xi, derivatives, out.N, out.dN);
   tabulate_at(master, points.eta, derivatives, out.Nm, out.dNm);
+  out.psi.resize(0, 0);
+  if (_facet.reproducing)
+  {
+    const FacetType corners
+        = _facet.nl == 3 ? FacetType::tri3 : FacetType::quad4;
+    tabulate_at(corners, points.xi, derivatives, out.psi, out.dpsi);
+  }
 
   const bool identity = _facet.T.isIdentity(0);
   auto transform = [&](const RowMatrix& A, RowMatrix& At)

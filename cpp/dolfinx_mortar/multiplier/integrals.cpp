@@ -78,7 +78,7 @@ void FacetIntegrator::Facet::apply_coefficients(RowMatrix& B) const
 {
   if (dual)
   {
-    chol.solve(B);
+    factors.solve(B);
     B.array().colwise() *= mass.array();
   }
 }
@@ -143,6 +143,7 @@ double FacetIntegrator::integrate_products(bool derivatives)
   _facet.S.setZero(nl, _facet.n);
   _facet.Sm.setZero(nl, _facet.m);
   _facet.b.setZero(nl, 4);
+  _facet.mass.setZero(nl);
   _result.coverage.setZero(_facet.n);
   _result.master_normal.setZero(_facet.n, 3);
   _result.area = 0;
@@ -161,11 +162,15 @@ double FacetIntegrator::integrate_products(bool derivatives)
                                               _points[p].w.size());
     _result.area += w.sum();
     _result.volume += w.dot(s.field.col(0));
-    const Eigen::VectorXd coverage = s.Nt.transpose() * w;
+    const auto base = s.base(nl);
+    Eigen::VectorXd coverage = s.Nt.transpose() * w;
+    _facet.mass += coverage.head(nl);
+    if (_facet.reproducing)
+      coverage.head(nl) = base.transpose() * w;
     _result.coverage += coverage;
     _result.master_normal.noalias()
         += coverage * corner_normal(master).transpose();
-    WN = s.Nt.leftCols(nl).array().colwise() * w.array();
+    WN = base.array().colwise() * w.array();
     _facet.S.noalias() += WN.transpose() * s.Nt;
     _facet.b.noalias() += WN.transpose() * s.field;
     const RowMatrix part = WN.transpose() * s.Nm;
@@ -221,8 +226,9 @@ double FacetIntegrator::beyond_share() const
 //-----------------------------------------------------------------------------
 bool FacetIntegrator::factorise()
 {
-  _facet.mass = _result.coverage.head(_facet.nl);
-  return !_facet.dual or _facet.chol.compute(_facet.S.leftCols(_facet.nl));
+  return !_facet.dual
+         or _facet.factors.compute(_facet.S.leftCols(_facet.nl),
+                                   !_facet.reproducing);
 }
 //-----------------------------------------------------------------------------
 bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
@@ -239,10 +245,12 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
   r.diagonal.setZero(_facet.n);
   if (_facet.dual)
   {
-    // Biorthogonality, with the row sum of M: D and M then agree on constants
-    // to round-off
+    // Biorthogonality, with the row sum of M: D and M then agree on constants,
+    // which are Σ t_k Ñ_k with t = T⁻¹ 1, to round-off
+    const int other = _facet.n - nl;
+    const Eigen::VectorXd t = _facet.T_inv.rowwise().sum().tail(other);
     D.leftCols(nl).setZero();
-    D.leftCols(nl).diagonal() = M.rowwise().sum();
+    D.leftCols(nl).diagonal() = M.rowwise().sum() - D.rightCols(other) * t;
     const Eigen::ArrayXd d = D.diagonal().head(nl);
     if ((d * _facet.mass.array() < 0).any()
         or (_facet.nonnegative and !(d.minCoeff() > 0)))

@@ -61,7 +61,8 @@ struct FacetIntegrals
   /// largest value at all points. Shape (n)
   std::array<std::int8_t, max_facet_nodes> touches = {};
 
-  /// ∫ Ñ_k over the covered part, shape (n)
+  /// ∫ Ñ_k over the covered part, shape (n); where multipliers are made of ψ
+  /// (see is_reproducing) ∫ ψ_k at corners
   Eigen::VectorXd coverage;
 
   /// ∫ Ñ_k n⁽²⁾ with the unit outward normals of the masters' facets, shape (n,
@@ -99,7 +100,7 @@ struct FacetIntegrals
 ///
 /// Dual functions are built on the covered part of the facet, with the same
 /// quadrature points as everything else: A_e = D_e M_e⁻¹, D_e = diag ∫ Ñ_k,
-/// M_e = ∫ Ñ_j Ñ_k. They are biorthogonal to round-off for any quadrature and
+/// M_e = ∫ Ñ_j Ñ_k (∫ ψ_j Ñ_k where they are made of ψ). They are biorthogonal to round-off for any quadrature and
 /// any overlap, and their derivatives include master positions.
 class FacetIntegrator
 {
@@ -136,12 +137,29 @@ private:
   {
     RowMatrix N, Nt; // slave functions N and Ñ
     std::array<RowMatrix, 2> dN, dNt;
+    RowMatrix psi; // ψ of the corners, where Φ is made of them, else empty
+    std::array<RowMatrix, 2> dpsi;
     RowMatrix Nm; // master functions
     std::array<RowMatrix, 2> dNm;
     RowMatrix field;                 // gap and jump, shape (num_points, 4)
     std::array<RowMatrix, 4> dfield; // ∂/∂ξ₁, ∂/∂ξ₂, ∂/∂η₁, ∂/∂η₂
     RowMatrix normal;                // unit normal, shape (num_points, 3)
     RowMatrix gap_normal;            // ∂gap/∂(Σ N_k n_k), shape (num_points, 3)
+
+    using Functions = Eigen::Ref<const RowMatrix, 0, Eigen::OuterStride<>>;
+
+    /// Functions that the Φ are made of, shape (num_points, nl): Ñ, or ψ
+    Functions base(int nl) const
+    {
+      return psi.size() > 0 ? Functions(psi) : Functions(Nt.leftCols(nl));
+    }
+
+    /// Their derivatives by a coordinate
+    Functions dbase(int a, int nl) const
+    {
+      return psi.size() > 0 ? Functions(dpsi[a])
+                            : Functions(dNt[a].leftCols(nl));
+    }
   };
 
   /// The slave facet at hand: what the parts of `compute` share. Positions are
@@ -152,6 +170,7 @@ private:
     FacetView slave = {};
     std::span<const double> normals; // of its nodes
     bool dual = false;               // Φ biorthogonal to Ñ
+    bool reproducing = false;        // Φ made of ψ, see is_reproducing
     bool nonnegative = false;        // no Ñ_k is negative on the facet
     int n = 0, nl = 0, m = 0; // its nodes, those with a Φ, nodes of masters
     FacetMatrix T, T_inv;     // basis transformation
@@ -160,11 +179,12 @@ private:
     std::vector<int> pairs;                // candidates that have points
     std::vector<std::vector<int>> columns; // of M, for the nodes of each
 
-    RowMatrix S;          // ∫ Ñ_j Ñ_k, shape (nl, n), its first columns are M_e
-    RowMatrix Sm;         // ∫ Ñ_j N_l∘P, shape (nl, m)
-    RowMatrix b;          // ∫ Ñ_j (gap, jump), shape (nl, 4)
-    Eigen::VectorXd mass; // diagonal of D_e, shape (nl)
-    ScaledCholesky chol;  // of M_e, dual spaces only
+    // Of the functions ν that the Φ are made of: Ñ, or ψ
+    RowMatrix S;           // ∫ ν_j Ñ_k, shape (nl, n); its first columns: M_e
+    RowMatrix Sm;          // ∫ ν_j N_l∘P, shape (nl, m)
+    RowMatrix b;           // ∫ ν_j (gap, jump), shape (nl, 4)
+    Eigen::VectorXd mass;  // diagonal of D_e, ∫ Ñ_j, shape (nl)
+    ScaledFactors factors; // of M_e, dual spaces only
     RowMatrix X; // shares of nodes with multiplier in the Φ, shape (nl, n)
 
     /// @brief From integrals with Ñ to integrals with Φ: multiply by A_e (dual
@@ -217,8 +237,9 @@ private:
   void tabulate_fields(const FacetView& master, bool derivatives,
                        PairShapes& shapes) const;
 
-  /// @brief Integrals of products with Ñ: the right-hand sides of equations
-  /// 3.5 to 3.7 with Ñ in place of Φ (S, Sm, b), ∫ Ñ_k, area and volume.
+  /// @brief Integrals of products with ν = Ñ or ψ: the right-hand sides of
+  /// equations 3.5 to 3.7 with ν in place of Φ (S, Sm, b), ∫ Ñ_k, area and
+  /// volume.
   /// @return Smallest gap of all points.
   double integrate_products(bool derivatives);
 

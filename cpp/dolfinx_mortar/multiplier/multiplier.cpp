@@ -15,10 +15,25 @@ struct EdgeShare
   double corner, edge;
 };
 
+/// The space that a facet has: away from tri6 and quad8 dual reproduces linear
+/// tractions as it is, or is as good as first-order elements are.
+MultiplierSpace space_on(MultiplierSpace space, FacetType type)
+{
+  return space == MultiplierSpace::dual_reproducing
+                 and !is_reproducing(space, type)
+             ? MultiplierSpace::dual
+             : space;
+}
+
 EdgeShare edge_share(MultiplierSpace space, FacetType type, bool nonnegative)
 {
   if (!is_second_order(type))
     return {0, 1};
+  else if (is_reproducing(space, type))
+  {
+    const double alpha = type == FacetType::tri6 ? 1.0 / 12 : 1.0 / 5;
+    return {nonnegative ? 0.5 : alpha, 1};
+  }
   else if (space == MultiplierSpace::dual)
   {
     // Tetrahedra and hexahedra share no nodes, so each type has its own value
@@ -69,11 +84,12 @@ CentreShare centre_share(MultiplierSpace space, bool nonnegative)
 //-----------------------------------------------------------------------------
 int dolfinx_mortar::num_multipliers(MultiplierSpace space, FacetType type)
 {
-  switch (space)
+  switch (space_on(space, type))
   {
   case MultiplierSpace::dual:
     return num_nodes(type);
   case MultiplierSpace::dual_linear:
+  case MultiplierSpace::dual_reproducing:
     return num_corners(type);
   default:
     return type == FacetType::quad9 ? 9 : num_corners(type);
@@ -84,6 +100,7 @@ FacetMatrix
 dolfinx_mortar::transformation(MultiplierSpace space, FacetType type,
                                std::span<const std::int8_t> nonnegative)
 {
+  space = space_on(space, type);
   const int n = num_nodes(type), nc = num_corners(type);
   FacetMatrix T = FacetMatrix::Identity(n, n);
   if (!is_second_order(type))
@@ -139,14 +156,22 @@ bool dolfinx_mortar::is_nonnegative(MultiplierSpace space, FacetType type,
                          [](auto flag) { return flag != 0; });
 }
 //-----------------------------------------------------------------------------
-bool ScaledCholesky::compute(const FacetMatrix& M)
+bool ScaledFactors::compute(const FacetMatrix& M, bool symmetric)
 {
   if (!(M.diagonal().minCoeff() > 0))
     return false;
+  _symmetric = symmetric;
   _scale = M.diagonal().array().rsqrt();
   FacetMatrix S = _scale.asDiagonal() * M * _scale.asDiagonal();
-  _llt.compute(S);
+  if (!symmetric)
+  {
+    // Such matrices pass through singular ones where less and less is covered:
+    // functions get large before
+    _lu.compute(S);
+    return _lu.matrixLU().diagonal().cwiseAbs().minCoeff() > 1e-3;
+  }
   // A pivot at the level of round-off carries no information
+  _llt.compute(S);
   return _llt.info() == Eigen::Success
          and _llt.matrixLLT().diagonal().minCoeff() > 1e-6;
 }

@@ -13,12 +13,18 @@ namespace dolfinx_mortar
 /// - standard: Φ = N at all nodes of tri3, quad4 and quad9, (bi)linear
 ///   functions at the corners of tri6 and quad8;
 /// - dual: at all nodes, dual to the transformed functions Ñ;
-/// - dual_linear: at the corners, dual to the (bi)linear corner functions.
+/// - dual_linear: at the corners, dual to the (bi)linear corner functions;
+/// - dual_reproducing: on tri6 and quad8 at the corners, made of the (bi)linear
+///   corner functions, so that linear tractions are reproduced, and
+///   biorthogonal to the transformed functions of the corners (the dual bases
+///   of lower dimension of Lamichhane, Stevenson and Wohlmuth,
+///   doi:10.1007/s00211-005-0636-z); dual elsewhere.
 enum class MultiplierSpace : std::int8_t
 {
   standard,
   dual,
-  dual_linear
+  dual_linear,
+  dual_reproducing
 };
 
 /// @brief How the overlap of the surfaces is integrated.

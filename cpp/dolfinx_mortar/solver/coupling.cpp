@@ -24,8 +24,10 @@ std::string to_string(MultiplierSpace space)
     return "standard";
   case MultiplierSpace::dual:
     return "dual";
-  default:
+  case MultiplierSpace::dual_linear:
     return "dual-linear";
+  default:
+    return "dual-reproducing";
   }
 }
 
@@ -72,7 +74,7 @@ void check_spaces(const Coupling& c, const Uses& uses)
   std::string names;
   int count = 0;
   for (auto s : {MultiplierSpace::dual, MultiplierSpace::dual_linear,
-                 MultiplierSpace::standard})
+                 MultiplierSpace::dual_reproducing, MultiplierSpace::standard})
   {
     if (spaces & (1 << static_cast<int>(s)))
       names += (count++ ? " and " : "") + to_string(s);

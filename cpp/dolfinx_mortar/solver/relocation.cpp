@@ -4,8 +4,10 @@
 #include "relocation.h"
 #include "messages.h"
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <sstream>
 
 using namespace dolfinx_mortar;
@@ -91,16 +93,27 @@ Relocation dolfinx_mortar::relocate(
   const CoupledInterface& c = coupling.interfaces.front();
   const Layout& own = coupling.layout;
 
-  // Motion of the nodes that carry multipliers such that B (X + dX) = 0, in the
-  // transformed basis: corner functions of tri6 and quad8 have no positive
-  // integral, and edges follow their corners
+  // Motion of the nodes that carry multipliers such that B (X + dX) = 0, in a
+  // basis in which edges follow their corners: corner functions of tri6 and
+  // quad8 have no positive integral. With multipliers at corners it is that of
+  // the (bi)linear functions, so that corners move no further than the surface.
+  const Basis& basis = state.interfaces[0].basis;
+  const std::vector<std::int8_t> all(basis.nonnegative.size(), 1);
+  const bool corners = std::ranges::any_of(
+      c.data.slave.types, [&](auto type)
+      { return is_reproducing(c.data.options.space, type); });
+  const std::array<std::size_t, 1> which = {0};
+  const std::array flags = {corners ? &all : &basis.nonnegative};
+  const Matrix T = plus_identity(
+      transformation_minus_one(coupling, which, flags, false).get());
+  const Matrix B_tilde = multiply(step.B_ties.get(), T.get());
   const std::vector<double> r
       = multiply(step.B_ties.get(), own.owned(own.X, 3));
   std::vector<PetscInt> rows, columns;
   std::vector<double> b;
   for (std::int32_t k = 0; k < c.num_owned(); ++k)
   {
-    for (int d = 0; d < 3 and state.interfaces[0].basis.has_multiplier[k]; ++d)
+    for (int d = 0; d < 3 and basis.has_multiplier[k]; ++d)
     {
       rows.push_back(3 * (coupling.first_node + k) + d);
       columns.push_back(3 * (own.first_block + coupling.own_block(c, k)) + d);
@@ -108,7 +121,7 @@ Relocation dolfinx_mortar::relocate(
     }
   }
   Matrix D;
-  check(MatCreateSubMatrix(step.B_tilde_ties.get(), index_set(comm, rows).get(),
+  check(MatCreateSubMatrix(B_tilde.get(), index_set(comm, rows).get(),
                            index_set(comm, columns).get(), MAT_INITIAL_MATRIX,
                            D.put()),
         "MatCreateSubMatrix");
@@ -117,8 +130,7 @@ Relocation dolfinx_mortar::relocate(
   out.motion.resize(own.size(), 0.0);
   for (std::size_t i = 0; i < dx.size(); ++i)
     out.motion[columns[i] - 3 * own.first_block] = dx[i];
-  if (step.T)
-    out.motion = multiply(step.T.get(), out.motion);
+  out.motion = multiply(T.get(), out.motion);
   out.largest = check_motion(c, coupling, step.weights[0], out.motion, limit);
   std::tie(out.x_slave, out.x_master) = interface_positions(c, nullptr);
   return out;

@@ -5,6 +5,7 @@
 #include "checks.h"
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <map>
 
 using namespace dolfinx_mortar;
@@ -21,32 +22,39 @@ enum class Combine
 };
 
 /// Give nodes without a multiplier the mean of their facets' nodes that have
-/// one. Collective.
+/// one, at the middle of an edge that of its ends. Collective.
 /// @param[in] values Values of local nodes, shape (n, columns).
 std::vector<double> spread(const Surface& s,
                            std::span<const std::int8_t> has_multiplier,
                            std::span<const double> values, int columns)
 {
+  // Sums over facets of values and of their number
   const int width = columns + 1;
-  std::vector<double> sums(width * num_local_nodes(s), 0.0), mean(columns);
+  std::vector<double> sums(width * num_local_nodes(s), 0.0);
+  auto add_mean = [&](std::int32_t node, const auto& others)
+  {
+    const auto count = std::ranges::count_if(others, [&](auto k)
+                                             { return has_multiplier[k]; });
+    for (auto k : others)
+    {
+      for (int c = 0; c < columns and has_multiplier[k]; ++c)
+        sums[width * node + c] += values[columns * k + c] / count;
+    }
+    sums[width * node + columns] += count > 0;
+    return count > 0;
+  };
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
     auto nodes = facet_nodes(s, f);
-    const auto count = std::ranges::count_if(nodes, [&](auto k)
-                                             { return has_multiplier[k]; });
-    if (count == 0)
-      continue;
-    std::ranges::fill(mean, 0.0);
-    for (auto k : nodes)
+    const auto edges = edge_corners(s.types[f]);
+    const std::size_t nc = num_corners(s.types[f]);
+    for (std::size_t i = 0; i < nodes.size(); ++i)
     {
-      for (int c = 0; c < columns and has_multiplier[k]; ++c)
-        mean[c] += values[columns * k + c];
-    }
-    for (auto k : nodes)
-    {
-      for (int c = 0; c < columns; ++c)
-        sums[width * k + c] += mean[c] / count;
-      sums[width * k + columns] += 1;
+      if (i >= nc and i < 2 * nc
+          and add_mean(nodes[i], std::array{nodes[edges[i - nc][0]],
+                                            nodes[edges[i - nc][1]]}))
+        continue;
+      add_mean(nodes[i], nodes);
     }
   }
   scatter_reverse_add(s, std::span(sums), width);

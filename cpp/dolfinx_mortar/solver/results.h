@@ -28,7 +28,7 @@ struct Field
 /// @brief Results of an interface in the last accepted state. Collective.
 ///
 /// Nodes that carry no multiplier have the mean of their facets' nodes that
-/// have one. Where several slave nodes are at one displacement node, at an
+/// have one, those at the middle of an edge that of its ends. Where several slave nodes are at one displacement node, at an
 /// edge, pressure and status are the largest, the gap is the smallest, slip
 /// that of the node with the largest status, tractions are means.
 /// @return Empty for contacts before the first solve.

@@ -413,16 +413,12 @@ Step dolfinx_mortar::resume_step(const Coupling& coupling, const Step& before,
                                  const State& state)
 {
   Step step = before;
-  std::vector<std::int8_t> changed(coupling.interfaces.size(), 0);
+  const std::vector<std::int8_t> changed(coupling.interfaces.size(), 1);
   for (std::size_t i = 0; i < coupling.interfaces.size(); ++i)
   {
     const CoupledInterface& c = coupling.interfaces[i];
     const Basis& basis = state.interfaces[i].basis;
-    std::vector<double> weights
-        = nodal_weights(c.data, basis.nonnegative, c.data.slave.X);
-    // The basis shows in T and in the weights
-    changed[i] = any(coupling.comm(), weights != step.weights[i]);
-    step.weights[i] = std::move(weights);
+    step.weights[i] = nodal_weights(c.data, basis.nonnegative, c.data.slave.X);
     step.barred[i].assign(c.is_tie() ? 0 : c.num_owned(), 0);
     if (any(coupling.comm(), !c.is_tie() and !c.blocks.empty()))
     {
