@@ -105,11 +105,12 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
     out.lost[f] = r.lost;
     if (r.without_multipliers)
       note_without_multipliers(configuration.x_slave, nodes, out);
+    else
+      out.beyond[f] = r.beyond;
     if (!r.covered)
       return;
     out.area += r.area;
     out.facet_area[f] = r.area;
-    out.beyond[f] = r.beyond;
     ++out.num_covered;
     out.num_pairs += configuration.candidates.offsets[f + 1]
                      - configuration.candidates.offsets[f];

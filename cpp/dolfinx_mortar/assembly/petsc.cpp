@@ -281,11 +281,13 @@ std::vector<double> dolfinx_mortar::diagonal(Mat A)
 }
 //-----------------------------------------------------------------------------
 Vector dolfinx_mortar::create_vector(MPI_Comm comm,
-                                     std::span<const double> values)
+                                     std::span<const double> values,
+                                     int block_size)
 {
   Vector v;
   check(VecCreate(comm, v.put()), "VecCreate");
   check(VecSetSizes(v.get(), values.size(), PETSC_DETERMINE), "VecSetSizes");
+  check(VecSetBlockSize(v.get(), block_size), "VecSetBlockSize");
   check(VecSetType(v.get(), VECSTANDARD), "VecSetType");
   set_values(v.get(), values);
   return v;

@@ -221,7 +221,9 @@ private:
 };
 
 /// @brief Vector with a copy of the values of this rank. Collective.
-Vector create_vector(MPI_Comm comm, std::span<const double> values);
+/// @param[in] block_size Size of the blocks that values come in.
+Vector create_vector(MPI_Comm comm, std::span<const double> values,
+                     int block_size = 1);
 
 /// @brief Copy of the values of this rank.
 std::vector<double> local_values(Vec x);

@@ -313,13 +313,14 @@ const FacetIntegrals& FacetIntegrator::compute(
     leave_out();
     return _result;
   }
+  // What lies beyond counts where functions fail, too: it can change these
+  _result.beyond = beyond_share();
   if (!factorise())
   {
     drop();
     return _result;
   }
   _result.lost = lost_share();
-  _result.beyond = beyond_share();
   find_touching();
   _facet.X = extension(has_multiplier, _facet.nl);
   if (_facet.X.isZero(0))

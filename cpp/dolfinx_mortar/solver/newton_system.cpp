@@ -119,6 +119,7 @@ MultiplierNodes create_nodes(const Coupling& coupling, const Step& step,
   nodes.active.resize(3 * n, 0);
   nodes.own.resize(n);
   nodes.diagonal.resize(n);
+  nodes.weight.resize(n);
   nodes.dz.resize(n, Eigen::Matrix3d::Identity());
   nodes.directions.resize(n, Eigen::Matrix3d::Identity());
   nodes.across.resize(n, Eigen::Matrix3d::Zero());
@@ -132,6 +133,7 @@ MultiplierNodes create_nodes(const Coupling& coupling, const Step& step,
     {
       nodes.own[c.first_node + k] = coupling.own_block(c, k);
       nodes.diagonal[c.first_node + k] = own.geometry->nodal.diagonal[k];
+      nodes.weight[c.first_node + k] = own.geometry->nodal.weight[k];
     }
     if (!c.is_tie())
     {

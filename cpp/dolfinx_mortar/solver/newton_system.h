@@ -26,6 +26,9 @@ struct MultiplierNodes
   /// Entry of D̃
   std::vector<double> diagonal;
 
+  /// ∫ Φ
+  std::vector<double> weight;
+
   /// Derivative of the constraints by the multipliers of the same node
   std::vector<Eigen::Matrix3d> dz;
 

@@ -23,21 +23,8 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 ReducedPreconditioner::ReducedPreconditioner(MPI_Comm comm,
                                              const std::string& prefix,
                                              std::span<const double> x)
-    : _comm(comm), _prefix(prefix)
+    : _comm(comm), _prefix(prefix), _x(x.begin(), x.end())
 {
-  Vector coordinates;
-  check(VecCreate(comm, coordinates.put()), "VecCreate");
-  check(VecSetSizes(coordinates.get(), x.size(), PETSC_DETERMINE),
-        "VecSetSizes");
-  check(VecSetBlockSize(coordinates.get(), 3), "VecSetBlockSize");
-  check(VecSetType(coordinates.get(), VECMPI), "VecSetType");
-  PetscScalar* values;
-  check(VecGetArrayWrite(coordinates.get(), &values), "VecGetArrayWrite");
-  std::ranges::copy(x, values);
-  check(VecRestoreArrayWrite(coordinates.get(), &values),
-        "VecRestoreArrayWrite");
-  check(MatNullSpaceCreateRigidBody(coordinates.get(), _modes.put()),
-        "MatNullSpaceCreateRigidBody");
 }
 //-----------------------------------------------------------------------------
 void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
@@ -55,6 +42,7 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   // What belongs to the last system is large
   _inner.reset();
   _W.reset();
+  _R = follow_masters();
   _W = create_W();
   const Matrix A = create_operator();
   check(PCCreate(_comm, _inner.put()), "PCCreate");
@@ -85,7 +73,66 @@ Matrix ReducedPreconditioner::create_W() const
     add(W.get(), 1.0, TW.get());
     add(W.get(), 1.0, _s->T_minus_one.get());
   }
+  if (_R)
+  {
+    add(W.get(), 1.0, multiply(W.get(), _R.get()).get());
+    add(W.get(), 1.0, _R.get());
+  }
   return W;
+}
+//-----------------------------------------------------------------------------
+Matrix ReducedPreconditioner::follow_masters() const
+{
+  const NewtonSystem& s = *_s;
+  if (!s.T_minus_one)
+    return {};
+  std::vector<std::int8_t> stays(s.size_u, 0); // dofs that follow nothing
+  for (std::int32_t dof = 0; dof < s.size_u; ++dof)
+    stays[dof] = _e->own[dof];
+  for (std::int32_t dof : s.fixed)
+    stays[dof] = 1;
+  PetscInt begin;
+  check(MatGetOwnershipRange(s.T_minus_one.get(), &begin, nullptr),
+        "MatGetOwnershipRange");
+  std::vector<PetscInt> offsets = {0}, columns;
+  std::vector<double> values;
+  for (std::int32_t dof = 0; dof < s.size_u; ++dof)
+  {
+    const MatrixRow row(s.T_minus_one.get(), begin + dof);
+    // Edges that keep a part only of their functions have multipliers
+    const bool whole
+        = std::ranges::find(row.columns(), begin + dof) == row.columns().end();
+    for (std::size_t k = 0; k < row.columns().size() and whole; ++k)
+    {
+      const double missing = 0.5 - row.values()[k];
+      if (stays[dof] or missing == 0)
+        continue;
+      columns.push_back(row.columns()[k]);
+      values.push_back(missing);
+    }
+    offsets.push_back(columns.size());
+  }
+  if (!any(_comm, !columns.empty()))
+    return {};
+  const Matrix edges = create_from_rows(_comm, s.size_u, s.size_u, offsets,
+                                        columns, values);
+
+  // Mean motion of masters, in the directions of the constraints
+  std::vector<double> kept(s.size_u, 1.0), shares(s.size_z, 0.0);
+  for (std::size_t j = 0; j < s.nodes.size(); ++j)
+  {
+    std::fill_n(kept.begin() + 3 * s.nodes.own[j], 3, 0.0);
+    if (s.nodes.weight[j] > 0)
+    {
+      std::fill_n(shares.begin() + 3 * j, 3,
+                  -s.nodes.diagonal[j] / s.nodes.weight[j]);
+    }
+  }
+  const Matrix B = duplicate(s.B_tilde.get());
+  scale_columns(B.get(), kept);
+  const Matrix Q = duplicate(_e->solve_constraints.get());
+  scale_columns(Q.get(), shares);
+  return multiply(edges.get(), multiply(Q.get(), B.get()).get());
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_operator() const
@@ -128,9 +175,68 @@ Matrix ReducedPreconditioner::create_operator() const
   check(MatZeroRowsColumns(A.get(), fixed.size(), fixed.data(), _mean, nullptr,
                            nullptr),
         "MatZeroRowsColumns");
-  check(MatSetNearNullSpace(A.get(), _modes.get()), "MatSetNearNullSpace");
+  check(MatSetNearNullSpace(A.get(), create_modes().get()),
+        "MatSetNearNullSpace");
   check(MatSetOption(A.get(), MAT_SYMMETRIC, PETSC_TRUE), "MatSetOption");
   return A;
+}
+//-----------------------------------------------------------------------------
+PetscHandle<MatNullSpace, MatNullSpaceDestroy>
+ReducedPreconditioner::create_modes() const
+{
+  using NullSpace = PetscHandle<MatNullSpace, MatNullSpaceDestroy>;
+  const Vector coordinates = create_vector(_comm, _x, 3);
+  NullSpace nodal;
+  check(MatNullSpaceCreateRigidBody(coordinates.get(), nodal.put()),
+        "MatNullSpaceCreateRigidBody");
+  if (!_s->T_minus_one)
+    return nodal;
+
+  // The same motions as values of the transformed basis, w = T⁻¹ u. Centres
+  // depend on edges, and these on corners: after three sweeps w is exact
+  PetscBool constant;
+  PetscInt size;
+  const Vec* modes;
+  check(MatNullSpaceGetVecs(nodal.get(), &constant, &size, &modes),
+        "MatNullSpaceGetVecs");
+  const std::vector<double> d = diagonal(_s->T_minus_one.get());
+  std::vector<Vector> transformed;
+  for (PetscInt m = 0; m < size; ++m)
+  {
+    const std::vector<double> u = local_values(modes[m]);
+    std::vector<double> w = u;
+    for (int sweep = 0; sweep < 3; ++sweep)
+    {
+      const std::vector<double> Tw = multiply(_s->T_minus_one.get(), w);
+      for (std::size_t i = 0; i < w.size(); ++i)
+        w[i] = (u[i] - Tw[i] + d[i] * w[i]) / (1 + d[i]);
+    }
+    // R moves edges by masters alone, which nothing moves: I - R is inverse
+    if (_R)
+    {
+      const std::vector<double> Rw = multiply(_R.get(), w);
+      for (std::size_t i = 0; i < w.size(); ++i)
+        w[i] -= Rw[i];
+    }
+    transformed.push_back(create_vector(_comm, w, 3));
+    // MatNullSpaceCreate asks for orthonormal vectors
+    for (PetscInt k = 0; k < m; ++k)
+    {
+      PetscScalar along;
+      check(VecDot(transformed[m].get(), transformed[k].get(), &along),
+            "VecDot");
+      check(VecAXPY(transformed[m].get(), -along, transformed[k].get()),
+            "VecAXPY");
+    }
+    check(VecNormalize(transformed[m].get(), nullptr), "VecNormalize");
+  }
+  std::vector<Vec> vectors;
+  for (const Vector& v : transformed)
+    vectors.push_back(v.get());
+  NullSpace out;
+  check(MatNullSpaceCreate(_comm, constant, size, vectors.data(), out.put()),
+        "MatNullSpaceCreate");
+  return out;
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_friction() const
@@ -229,6 +335,12 @@ void ReducedPreconditioner::apply(Vec x, Vec y) const
   std::vector<double> rho = r;
   for (std::size_t dof = 0; dof < r.size(); ++dof)
     rho[dof] = e.own[dof] ? across[dof] : r[dof] + moved[dof];
+  if (_R)
+  {
+    moved = multiply_transposed(_R.get(), rho);
+    for (std::size_t dof = 0; dof < r.size(); ++dof)
+      rho[dof] += moved[dof];
+  }
   // Where Dirichlet dofs meet the contact, as at planes of symmetry, `moved` is
   // their reaction
   for (std::int32_t dof : s.fixed)

@@ -40,7 +40,8 @@ struct RowOperator
 ///     I + W = T (I - Q B̃).
 ///
 /// On these the tangent is (I + W)ᵀ (K + Bᵀ S B) (I + W), as definite as K:
-/// that is what the inner preconditioner inverts. S is what friction resists
+/// that is what the inner preconditioner inverts, in a basis in which motions
+/// of single dofs stay small (see follow_masters). S is what friction resists
 /// across the direction of slip, which turns with the motion; that friction
 /// along it follows the pressure is left out, for it is not symmetric. Motions
 /// in the directions of the constraints follow from the constraints, node by
@@ -71,20 +72,39 @@ public:
   PC inner() const { return _inner.get(); }
 
 private:
+  /// W; with (I + W) (I + R) in place of I + W, see follow_masters
   Matrix create_W() const;
+
+  /// @brief Change of basis I + R of the motions w.
+  ///
+  /// Where edges keep their displacements, D̃ of a corner is a small part of its
+  /// weight ∫ Φ, and a corner moves by D̃⁻¹ (M u_m - D_ce w_e): several times
+  /// as far as masters around it, and back with the edges. An edge that follows
+  /// the mean motion of the masters at its corners takes care of that,
+  ///
+  ///     w_e = s_e + Σ_c (½ - T_ec) (∫ Φ_c)⁻¹ M_c u_m,
+  ///
+  /// as if it lay between them: to d_e = w_e + Σ T_ec d_c that adds what is
+  /// missing. Null where no edge does.
+  Matrix follow_masters() const;
+
   Matrix create_operator() const;
+
+  /// Rigid body modes as values w
+  PetscHandle<MatNullSpace, MatNullSpaceDestroy> create_modes() const;
+
   Matrix create_friction() const;
   std::vector<Eigen::Matrix3d> invert_constraints() const;
 
   MPI_Comm _comm;
   std::string _prefix;
-  PetscHandle<MatNullSpace, MatNullSpaceDestroy> _modes;
+  std::vector<double> _x;
 
   const NewtonSystem* _s = nullptr;
   const Elimination* _e = nullptr;
   const RowOperator* _rows = nullptr;
   double _mean = 0;
-  Matrix _W;
+  Matrix _W, _R;
   PetscHandle<PC, PCDestroy> _inner;
   std::vector<Eigen::Matrix3d> _blocks;
 };
