@@ -46,16 +46,19 @@ void wrap_options(nb::module_& m)
       .def(
           "__init__",
           [](InterfaceOptions* self, const std::vector<Part>& slave,
-             const std::vector<Part>& master, const IntegrationOptions& options,
-             double min_coverage)
+             const std::vector<Part>& master,
+             std::optional<MultiplierSpace> space,
+             const IntegrationOptions& options, double min_coverage)
           {
             new (self) InterfaceOptions();
             self->slave = tagged_facets(slave);
             self->master = tagged_facets(master);
+            self->space = space;
             self->integration = options;
             self->min_coverage = min_coverage;
           },
-          nb::arg("slave"), nb::arg("master"), nb::arg("options"),
+          nb::arg("slave"), nb::arg("master"), nb::arg("space").none(),
+          nb::arg("options"),
           nb::arg("min_coverage"), "A tie.")
       .def(
           "make_contact",
@@ -96,8 +99,10 @@ void wrap_options(nb::module_& m)
           nb::arg("slave"), nb::arg("master"),
           "Integrate a tie at these positions of the local nodes, shapes "
           "(n, 3), instead of those of the mesh.")
+      .def_ro("space", &InterfaceOptions::space,
+              "Space of the multipliers; None for the default.")
       .def_ro("integration", &InterfaceOptions::integration,
-              "Multiplier space, integration and what the search reaches.")
+              "Integration and what the search reaches.")
       .def_ro("min_coverage", &InterfaceOptions::min_coverage,
               "Share of its surroundings that must be covered for a slave node "
               "to carry a multiplier.")

@@ -277,7 +277,7 @@ def test_forms_and_displacements(case):
         ({"search_distance": "1"}, "positive"),
         ({"quadrature_degree": 3.5}, "whole number"),
         ({"quadrature_degree": 1000}, "30 at most"),
-        ({"multiplier": None}, "'dual'"),
+        ({"multiplier": 1}, "'dual'"),
         ({"integration": ["segment"]}, "'element'"),
     ],
 )

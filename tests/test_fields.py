@@ -10,6 +10,7 @@ from mpi4py import MPI
 import dolfinx_mortar as dm
 import nodal
 import numpy as np
+import oracle
 import pytest
 import ufl
 from dolfinx import fem, la, mesh
@@ -17,7 +18,17 @@ from dolfinx.io import VTXWriter
 from pressed import pressed
 
 comm = MPI.COMM_WORLD
-NAMES = ("multiplier", "traction", "pressure", "gap", "slip", "status", "tangential_traction")
+NAMES = (
+    "multiplier",
+    "traction",
+    "recovered_traction",
+    "pressure",
+    "recovered_pressure",
+    "gap",
+    "slip",
+    "status",
+    "tangential_traction",
+)
 
 
 def norms(contact):
@@ -134,3 +145,33 @@ def test_no_penetration_far_away():
     x = contact.gap.function_space.tabulate_dof_coordinates()
     far = gap[(x[:, 0] > 0.7) & (x[:, 2] > 0.9)]
     np.testing.assert_allclose(far, 0.06 + 0.25 - 0.01, atol=0.02)
+
+
+@pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
+@pytest.mark.parametrize("element", ["hex8", "tet10", "hex20", "hex27"])
+def test_recovered_traction_has_the_resultant_of_contact(element, multiplier):
+    """On a plane surface, with friction, to round-off; its normal part is the recovered pressure."""
+    p = pressed(
+        dm.Contact,
+        elements=(element, "hex8"),
+        friction=0.3,
+        geometry="reference",
+        multiplier=multiplier,
+    )
+    p.move(0.0, -0.01)
+    p.move(0.01, -0.02)
+    contact = p.interface
+    (slave,) = contact.slave
+    ds = ufl.Measure("ds", slave.V.mesh, subdomain_data=slave.tags)(slave.tag)
+    t, n = contact.recovered_traction, ufl.FacetNormal(slave.V.mesh)
+
+    def integral(f):
+        return comm.allreduce(fem.assemble_scalar(fem.form(f * ds)))
+
+    force = contact.force
+    assert np.linalg.norm(force) > 1e-3
+    found = [integral(t[i]) for i in range(3)]
+    assert np.abs(found - force).max() < 1e-12 * np.linalg.norm(force)
+    pressed_with = integral(contact.recovered_pressure)
+    assert pressed_with == pytest.approx(-force @ [0, 0, -1], rel=1e-12)
+    assert pressed_with == pytest.approx(-integral(ufl.inner(t, n)), rel=1e-12)

@@ -52,9 +52,10 @@ def test_constant_stress(pairing):
         u, (tie,), _ = solve(case, multiplier=multiplier)
         assert relative_error(case, u) < 1e-10, multiplier
         # The traction is constant, so it is that constant at all nodes of the slave surface
-        t = tie.traction.x.array.reshape(-1, 3)
-        on_surface = np.isin(np.arange(len(t)), tie.data.slave.local_blocks)
-        assert np.abs(t[on_surface] - traction).max(initial=0) < 1e-9 * np.abs(traction).max()
+        for field in (tie.traction, tie.recovered_traction):
+            t = field.x.array.reshape(-1, 3)
+            on_surface = np.isin(np.arange(len(t)), tie.data.slave.local_blocks)
+            assert np.abs(t[on_surface] - traction).max(initial=0) < 1e-9 * np.abs(traction).max()
 
 
 @multipliers
@@ -241,10 +242,40 @@ def test_interfaces_agree_on_the_basis_where_they_meet(element):
     difference = B.matMult(step.T)
     difference.axpy(-1.0, B_tilde)
     assert difference.norm() < 1e-14 * B.norm()
-    with pytest.raises(ValueError, match="share slave nodes"):
-        mixed = cases.make_interfaces(case)[:1]
-        mixed += cases.make_interfaces(case, multiplier="dual-linear")[1:]
-        dm.ContactProblem(cases.residuals(case, s.u), s.u, interfaces=mixed)
+
+
+@pytest.mark.parametrize(
+    ("given", "kinds", "expected"),
+    [
+        ((None, None), ("tie", "tie"), "dual-reproducing"),
+        ((None, None), ("tie", "contact"), "dual"),
+        ((None, "dual-linear"), ("tie", "tie"), "dual-linear"),
+        (("dual", "dual-linear"), ("tie", "tie"), None),
+    ],
+)
+def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, expected):
+    """The default follows what is given for another one; two that are given must agree."""
+    parts = [
+        blocks.block("upper", "hex20", (0, 0, 1), (2, 1, 2), (2, 1, 1)),
+        blocks.block("lower", "hex20", (0, 0, 0), (2, 1, 1), (3, 1, 1)),
+        blocks.block("beside", "hex20", (2, 0, 1), (3, 1, 2), (1, 2, 2)),
+    ]
+    pairs = [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")]
+    for pair, kind in zip(pairs, kinds, strict=True):
+        pair.kind = kind
+    clamped = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
+    case = blocks.assemble(parts, pairs, clamped)
+    made = [
+        cases.make_interfaces(case, multiplier=space)[i] for i, space in enumerate(given)
+    ]
+    u = cases.displacements(case)
+    forms = cases.residuals(case, u)
+    if expected is None:
+        with pytest.raises(ValueError, match="share slave nodes"):
+            dm.ContactProblem(forms, u, interfaces=made)
+    else:
+        dm.ContactProblem(forms, u, interfaces=made)
+        assert [i.multiplier_space for i in made] == [expected] * 2
 
 
 @multipliers

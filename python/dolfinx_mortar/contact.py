@@ -56,6 +56,7 @@ class Contact(Interface):
     columns: ClassVar[Mapping[str, int]] = {
         **Interface.columns,
         "pressure": 1,
+        "recovered_pressure": 1,
         "gap": 1,
         "status": 1,
         "slip": 3,
@@ -177,6 +178,11 @@ class Contact(Interface):
         At an edge, where a node has a normal and a pressure on each side, the largest.
         """
         return self._field("pressure")
+
+    @property
+    def recovered_pressure(self) -> fem.Function:
+        """Pressure of :attr:`recovered_traction`: the one to look at and to plot."""
+        return self._field("recovered_pressure")
 
     @property
     def tangential_traction(self) -> fem.Function:

@@ -69,7 +69,11 @@ class Interface:
     """
 
     #: Names of the fields, with their numbers of values at a node
-    columns: ClassVar[Mapping[str, int]] = {"multiplier": 3, "traction": 3}
+    columns: ClassVar[Mapping[str, int]] = {
+        "multiplier": 3,
+        "traction": 3,
+        "recovered_traction": 3,
+    }
 
     def __init__(
         self,
@@ -78,7 +82,7 @@ class Interface:
         *,
         slave: int | Sequence[tuple],
         master: int | Sequence[tuple],
-        multiplier: str = "dual",
+        multiplier: str | None = None,
         integration: str = "segment",
         quadrature_degree: int | None = None,
         search_distance: float | None = None,
@@ -91,7 +95,8 @@ class Interface:
             self.slave = parts.read(V, facet_tags, 0, slave, "slave")
             self.master = parts.read(V, facet_tags, 1, master, "master")
             parts.check_sides(self.slave, self.master)
-            space = _SPACES[arguments.choice("multiplier", multiplier, _SPACES)]
+            if multiplier is not None:
+                arguments.choice("multiplier", multiplier, _SPACES)
             rule = _INTEGRATIONS[arguments.choice("integration", integration, _INTEGRATIONS)]
             if quadrature_degree is not None:
                 arguments.whole("quadrature_degree", quadrature_degree, 1, MAX_DEGREE)
@@ -110,26 +115,25 @@ class Interface:
             same["max_angle"], same["min_coverage"] = max_angle, min_coverage
         self.comm = self.slave[0].V.mesh.comm
         self.problem: ContactProblem | None = None
-        self._multiplier_space = multiplier
+        self._space = multiplier and _SPACES[multiplier]
         self._min_coverage = min_coverage
         self._options = cpp.IntegrationOptions(
-            space, rule, quadrature_degree, max_angle, distance=search_distance
+            integration=rule,
+            degree=quadrature_degree,
+            max_angle=max_angle,
+            distance=search_distance,
         )
 
     @property
     def multiplier_space(self) -> str:
-        """The multiplier space that was chosen."""
-        return self._multiplier_space
+        """The multiplier space: what was asked for, or in a problem the default there."""
+        space = self.data.options.space if self.problem else self._space
+        return next((name for name, value in _SPACES.items() if value == space), "default")
 
     @property
     def min_coverage(self) -> float:
         """Share of its surroundings that must be covered for a node to carry a multiplier."""
         return self._min_coverage
-
-    @property
-    def is_dual(self) -> bool:
-        """Multipliers are dual, and can be condensed."""
-        return self.multiplier_space != "standard"
 
     # -- For the problem ------------------------------------------------------
 
@@ -138,6 +142,7 @@ class Interface:
         return cpp.InterfaceOptions(
             [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.slave],
             [(p.V._cpp_object, p.tags._cpp_object, p.tag) for p in self.master],
+            self._space,
             self._options,
             self._min_coverage,
         )
@@ -232,6 +237,16 @@ class Interface:
         """Contact traction t_c = -λ that acts on the slave body."""
         return self._field("traction")
 
+    @property
+    def recovered_traction(self) -> fem.Function:
+        """The traction as a continuous field of first order, with the same resultant.
+
+        At corners the average ∫ψ_c t_c / ∫ψ_c with their (bi)linear functions ψ_c, whatever the
+        multiplier space, linear between them: smoother than nodal values, which belong to
+        functions of different shapes at corners and edges.
+        """
+        return self._field("recovered_traction")
+
     # -- Matrices: each access makes a new one, which is the caller's ---------
 
     def _maker(self) -> cpp.ContactProblem:
@@ -263,7 +278,8 @@ class Interface:
         """D⁻¹ = T D̃⁻¹, sparse: displacement dofs by multiplier dofs. Collective.
 
         Raises:
-            RuntimeError: The multipliers are not ``"dual"``.
+            RuntimeError: Multipliers are not dual, or at corners only (``multiplier="dual"`` has
+                them at all nodes).
         """
         return self._maker().inverse(self._index)
 
@@ -272,7 +288,8 @@ class Interface:
         """P = D⁻¹ M: displacement dofs of the slave nodes from those of the masters. Collective.
 
         Raises:
-            RuntimeError: The multipliers are not ``"dual"``.
+            RuntimeError: Multipliers are not dual, or at corners only (``multiplier="dual"`` has
+                them at all nodes).
         """
         return self._maker().projection(self._index)
 
@@ -286,8 +303,11 @@ class Tie(Interface):
         slave: Tag of the slave facets, which carry the multipliers; the finer side, or the one on
             the softer body. A list of ``(V, facet_tags, tag)`` makes a surface of several bodies.
         master: Tag of the master facets, or a list as for ``slave``.
-        multiplier: ``"dual"`` (biorthogonal, condensed), ``"dual-linear"`` (the same with
-            multipliers at corners only) or ``"standard"`` (needs a saddle point solver).
+        multiplier: ``"dual-reproducing"`` (default of ties: at the corners of tri6 and quad8,
+            reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual"`` (default of
+            contacts: at all nodes, condensed), ``"dual-linear"`` (at corners, condensed) or
+            ``"standard"`` (needs a saddle point solver). Interfaces that share slave nodes have
+            one space: where none is given, that of contacts.
         integration: ``"segment"`` (exact on the overlap of facets) or ``"element"`` (points of
             the slave facets projected on masters: cheaper, not exact).
         quadrature_degree: Degree on each triangle of a segment, or on each slave facet.
@@ -326,6 +346,7 @@ class Tie(Interface):
             themselves.
 
         Raises:
-            RuntimeError: The multipliers are not ``"dual"``.
+            RuntimeError: Multipliers are not dual, or at corners only (``multiplier="dual"`` has
+                them at all nodes).
         """
         return Constraints(*self._maker().constraints(self._index))

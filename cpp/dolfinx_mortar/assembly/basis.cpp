@@ -73,7 +73,15 @@ dolfinx_mortar::nodal_weights(const Interface& interface,
                               std::span<const std::int8_t> nonnegative,
                               std::span<const double> x)
 {
-  const Surface& s = interface.slave;
+  return nodal_weights(interface.slave, interface.options.space, nonnegative,
+                       x);
+}
+//-----------------------------------------------------------------------------
+std::vector<double>
+dolfinx_mortar::nodal_weights(const Surface& s, MultiplierSpace space,
+                              std::span<const std::int8_t> nonnegative,
+                              std::span<const double> x)
+{
   std::vector<double> weights(num_local_nodes(s), 0.0);
   std::vector<std::int8_t> flags;
   WholeFacets facets(s, x);
@@ -81,7 +89,6 @@ dolfinx_mortar::nodal_weights(const Interface& interface,
   {
     auto nodes = facet_nodes(s, f);
     gather(nodes, nonnegative, 1, flags);
-    const MultiplierSpace space = interface.options.space;
     // All edges flagged: Ñ_c = ψ_c
     if (is_reproducing(space, s.types[f]))
       std::ranges::fill(flags, 1);

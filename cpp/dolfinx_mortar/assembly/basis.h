@@ -11,10 +11,16 @@ namespace dolfinx_mortar
 /// @brief ∫ Ñ_j dγ over the whole slave surface, whether covered or not (∫ ψ_j
 /// where multipliers are made of ψ, see is_reproducing).
 /// Collective.
-/// @param[in] interface Interface.
+/// @param[in] slave Slave surface.
+/// @param[in] space Space of the multipliers.
 /// @param[in] nonnegative See Basis.
 /// @param[in] x Positions of the local slave nodes, shape (n, 3).
 /// @return Weight (area) of each local slave node, shape (n).
+std::vector<double> nodal_weights(const Surface& slave, MultiplierSpace space,
+                                  std::span<const std::int8_t> nonnegative,
+                                  std::span<const double> x);
+
+/// @brief The same in the space of an interface. Collective.
 std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const std::int8_t> nonnegative,
                                   std::span<const double> x);

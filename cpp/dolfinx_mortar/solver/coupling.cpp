@@ -58,6 +58,47 @@ Uses count_uses(const Coupling& c)
   return uses;
 }
 
+/// Interfaces that share slave nodes with others. Collective.
+std::vector<std::int8_t> sharing(const Coupling& c, const Uses& uses)
+{
+  std::vector<std::int8_t> shares;
+  for (const CoupledInterface& i : c.interfaces)
+  {
+    const Surface& s = i.data.slave;
+    const bool here = std::any_of(
+        s.local_blocks.begin(), s.local_blocks.begin() + s.num_owned,
+        [&](auto b) { return uses.slave[b] > 1; });
+    shares.push_back(any(c.comm(), here));
+  }
+  return shares;
+}
+
+/// Give each interface the space that was asked for, or the default: one for
+/// all interfaces that share slave nodes. Collective.
+void choose_spaces(Coupling& c, const Uses& uses)
+{
+  const std::vector<std::int8_t> shares = sharing(c, uses);
+  std::optional<MultiplierSpace> common;
+  bool ties = true;
+  for (std::size_t i = 0; i < shares.size(); ++i)
+  {
+    if (shares[i] and !common)
+      common = c.interfaces[i].space;
+    ties = ties and (!shares[i] or c.interfaces[i].is_tie());
+  }
+  for (std::size_t i = 0; i < shares.size(); ++i)
+  {
+    CoupledInterface& own = c.interfaces[i];
+    const bool tie = shares[i] ? ties : own.is_tie();
+    const MultiplierSpace usual
+        = tie ? MultiplierSpace::dual_reproducing : MultiplierSpace::dual;
+    const MultiplierSpace space
+        = own.space.value_or(shares[i] ? common.value_or(usual) : usual);
+    own.data.options.space = space;
+    own.data.candidates = multiplier_nodes(own.data.slave, space);
+  }
+}
+
 /// Interfaces that share slave nodes have one transformation there.
 void check_spaces(const Coupling& c, const Uses& uses)
 {
@@ -234,6 +275,7 @@ dolfinx_mortar::create_coupling(Layout layout,
   c.chained = any(c.comm(), c.chained);
   c.shared = any(c.comm(),
                  std::ranges::any_of(uses.slave, [](auto n) { return n > 1; }));
+  choose_spaces(c, uses);
   check_spaces(c, uses);
   for (CoupledInterface& i : c.interfaces)
     assign(c, i, uses, prescribed);

@@ -23,6 +23,9 @@ struct CoupledInterface
   /// What makes it a contact; a tie has none
   std::optional<ContactOptions> contact;
 
+  /// Space of the multipliers that a user has asked for
+  std::optional<MultiplierSpace> space;
+
   /// Share of its surroundings that masters must cover for a slave node to
   /// carry a multiplier
   double min_coverage = 0.15;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <stdexcept>
 
 using namespace dolfinx_mortar;
@@ -89,11 +90,16 @@ Matrix dolfinx_mortar::inverse(const ContactProblem& problem,
   const Coupling& coupling = problem.coupling();
   const Evaluation* evaluation = problem.evaluation();
   const CoupledInterface& c = coupling.interfaces.at(interface);
-  if (c.data.options.space != MultiplierSpace::dual)
+  const MultiplierSpace space = c.data.options.space;
+  const bool all_nodes = std::ranges::all_of(
+      c.data.slave.types,
+      [&](auto type) { return num_multipliers(space, type) == num_nodes(type); });
+  if (any(coupling.comm(), !is_dual(space) or !all_nodes))
   {
     throw std::runtime_error(
-        "D has a sparse inverse with multiplier='dual' only: D⁻¹, P and "
-        "constraints are not available with other multipliers.");
+        "D has a sparse inverse where dual multipliers are at all nodes: D⁻¹, P "
+        "and constraints are not available with others. Make the interface "
+        "with multiplier='dual'.");
   }
   const auto& geometry = evaluation ? evaluation->interfaces[interface].geometry
                                     : problem.step().geometry[interface];

@@ -7,6 +7,7 @@
 #include "messages.h"
 #include <algorithm>
 #include <cmath>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <dolfinx_mortar/surface/patches.h>
 #include <numbers>
@@ -22,12 +23,11 @@ std::string tag_name(const std::vector<TaggedFacets>& parts)
 }
 
 /// Whether to condense the multipliers.
-bool choose_condensation(std::optional<bool> condense,
-                         const std::vector<InterfaceOptions>& interfaces)
+bool choose_condensation(std::optional<bool> condense, const Coupling& coupling)
 {
   const bool dual = std::ranges::all_of(
-      interfaces,
-      [](auto& i) { return i.integration.space != MultiplierSpace::standard; });
+      coupling.interfaces, [](const CoupledInterface& i)
+      { return is_dual(i.data.options.space); });
   if (condense.value_or(false) and !dual)
   {
     throw std::invalid_argument(
@@ -160,6 +160,7 @@ Coupling dolfinx_mortar::create_coupling(
     if (i.contact)
       slave = split_at_edges(slave, c.feature_angle);
     Surface master = create_surface(layout, spaces, i.master, "master");
+    c.space = i.space;
     IntegrationOptions options = i.integration;
     options.leave_distant = i.contact.has_value();
     c.data = create_interface(std::move(slave), std::move(master), options);
@@ -188,7 +189,7 @@ ContactProblem::ContactProblem(
   _newton = std::make_unique<Newton>(
       _bodies, _coupling,
       SolverOptions(_options.petsc_options_prefix, _options.petsc_options),
-      choose_condensation(_options.condense, interfaces), _options.poll);
+      choose_condensation(_options.condense, _coupling), _options.poll);
 }
 //-----------------------------------------------------------------------------
 ContactProblem::~ContactProblem() = default;

@@ -21,7 +21,13 @@ struct InterfaceOptions
   /// Parts of both surfaces
   std::vector<TaggedFacets> slave, master;
 
-  /// Space, integration, degree, search distance, largest angle
+  /// Space of the multipliers; by default dual_reproducing for a tie and dual
+  /// for a contact, but where interfaces share slave nodes one for all of them:
+  /// the one that is given for any, else that of contacts
+  std::optional<MultiplierSpace> space;
+
+  /// Integration, degree, search distance, largest angle; its `space` is not
+  /// read
   IntegrationOptions integration;
 
   /// Share of its surroundings that masters must cover for a slave node to

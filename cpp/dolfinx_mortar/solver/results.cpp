@@ -3,6 +3,7 @@
 
 #include "results.h"
 #include "checks.h"
+#include "recovery.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -165,16 +166,23 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
     t = -t;
   put("multiplier", z, 3, Combine::mean, shares);
   put("traction", traction, 3, Combine::mean, shares);
+  const std::vector<double> recovered
+      = recover(c.data, own.basis, geometry.configuration, z);
+  std::ranges::transform(recovered, traction.begin(), std::negate());
+  fields.push_back(combine("recovered_traction", s, traction, 3, Combine::mean,
+                           shares));
   if (c.is_tie())
     return fields;
 
   const std::span<const double> normals = geometry.configuration.normals.n;
-  std::vector<double> pressure(num_local_nodes(s)), tangential(z.size());
+  std::vector<double> pressure(num_local_nodes(s)), tangential(z.size()),
+      mean(num_local_nodes(s));
   for (std::size_t k = 0; k < pressure.size(); ++k)
   {
     const Eigen::Map<const Eigen::Vector3d> n(normals.data() + 3 * k),
         zk(z.data() + 3 * k);
     pressure[k] = n.dot(zk);
+    mean[k] = n.dot(Eigen::Map<const Eigen::Vector3d>(recovered.data() + 3 * k));
     Eigen::Map<Eigen::Vector3d>(tangential.data() + 3 * k)
         = pressure[k] * n - zk;
   }
@@ -183,6 +191,8 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
   for (Status v : own.status)
     status.push_back(static_cast<double>(v));
   put("pressure", pressure, 1, Combine::largest);
+  fields.push_back(
+      combine("recovered_pressure", s, mean, 1, Combine::largest));
   put("tangential_traction", tangential, 3, Combine::mean, shares);
   put("gap", extend(s, shown_gaps(c, own.basis, e, own.status), 1), 1,
       Combine::smallest);

@@ -10,8 +10,9 @@ namespace dolfinx_mortar
 /// @brief Nodal values of a result on the slave surface of an interface.
 struct Field
 {
-  /// "multiplier", "traction"; of contacts also "pressure", "gap", "status",
-  /// "slip" and "tangential_traction"
+  /// "multiplier", "traction", "recovered_traction" (see recover); of contacts
+  /// also "pressure", "recovered_pressure", "gap", "status", "slip" and
+  /// "tangential_traction"
   std::string name;
 
   /// Number of values at a node
