@@ -94,6 +94,12 @@ file(
   ${CMAKE_CURRENT_SOURCE_DIR}/python/*.cpp
 )
 nanobind_add_module(cpp NOMINSIZE ${sources})
+set_target_properties(cpp PROPERTIES UNITY_BUILD ${MORTAR_UNITY})
+# Has names that others have as well
+set_source_files_properties(
+  ${CMAKE_CURRENT_SOURCE_DIR}/python/wrap_facets.cpp
+  PROPERTIES SKIP_UNITY_BUILD_INCLUSION ON
+)
 target_link_libraries(cpp PRIVATE dolfinx_mortar Eigen3::Eigen)
 target_compile_options(cpp PRIVATE ${MORTAR_COMPILE_OPTIONS})
 target_include_directories(cpp SYSTEM PRIVATE ${MORTAR_PETSC4PY_INCLUDE_DIR})

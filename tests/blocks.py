@@ -13,6 +13,7 @@ import numpy as np
 
 ELEMENT = {kind: element for element, kind in cases.FACET_KIND.items()}
 E, NU = 1000.0, 0.3
+ELASTIC = cases.linear_elastic(E, NU)
 FACES = {"x-": 10, "x+": 11, "y-": 12, "y+": 13, "z-": 14, "z+": 15}
 NORMAL = {name: np.eye(3)["xyz".index(name[0])] * (1 if name[1] == "+" else -1) for name in FACES}
 
@@ -49,7 +50,7 @@ def block(
         ends = [x[:, 2] < middle, x[:, 2] > middle]
         return np.select(sides + ends, list(FACES.values()), 0)
 
-    return cases.Part(name, element, energy or cases.linear_elastic(E, NU), points, hexes, tag)
+    return cases.Part(name, element, energy or ELASTIC, points, hexes, tag)
 
 
 def assemble(

@@ -44,6 +44,11 @@ Energy = Callable[[ufl.core.expr.Expr], ufl.core.expr.Expr]
 # -- Materials ---------------------------------------------------------------------------------
 
 
+def _constants(u: fem.Function, *values: float) -> list[fem.Constant]:
+    """Numbers that a form is not compiled anew for."""
+    return [fem.Constant(u.function_space.mesh, float(value)) for value in values]
+
+
 def _lame(E: float, nu: float) -> tuple[float, float]:
     return E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
 
@@ -53,9 +58,9 @@ def neo_hooke(E: float, nu: float) -> Energy:
 
     c = E / (4 (1 + nu)), beta = nu / (1 - 2 nu); its limit for nu = 0 is c (I1 - 3) - 2 c ln J.
     """
-    c, beta = E / (4 * (1 + nu)), nu / (1 - 2 * nu)
 
     def energy(u):
+        c, beta = _constants(u, E / (4 * (1 + nu)), nu / (1 - 2 * nu))
         F = ufl.Identity(3) + ufl.grad(u)
         J = ufl.det(F)
         volumetric = -2 * c * ufl.ln(J) if nu == 0 else c / beta * (J ** (-2 * beta) - 1)
@@ -66,9 +71,9 @@ def neo_hooke(E: float, nu: float) -> Energy:
 
 def st_venant_kirchhoff(E: float, nu: float) -> Energy:
     """Psi = lambda / 2 tr(E)^2 + mu E : E with the Green-Lagrange strain E, per volume."""
-    lmbda, mu = _lame(E, nu)
 
     def energy(u):
+        lmbda, mu = _constants(u, *_lame(E, nu))
         F = ufl.Identity(3) + ufl.grad(u)
         strain = (F.T * F - ufl.Identity(3)) / 2
         return lmbda / 2 * ufl.tr(strain) ** 2 + mu * ufl.inner(strain, strain)
@@ -78,9 +83,9 @@ def st_venant_kirchhoff(E: float, nu: float) -> Energy:
 
 def linear_elastic(E: float, nu: float) -> Energy:
     """Psi = lambda / 2 tr(eps)^2 + mu eps : eps with the small strain, per volume."""
-    lmbda, mu = _lame(E, nu)
 
     def energy(u):
+        lmbda, mu = _constants(u, *_lame(E, nu))
         strain = ufl.sym(ufl.grad(u))
         return lmbda / 2 * ufl.tr(strain) ** 2 + mu * ufl.inner(strain, strain)
 
@@ -396,11 +401,17 @@ def residuals(case: Case, u: Sequence[fem.Function]) -> list[ufl.Form]:
         dx = ufl.Measure("dx", body.mesh, subdomain_data=body.cell_tags, metadata=degree)
         ds = ufl.Measure("ds", body.mesh, subdomain_data=body.facet_tags)
         mine = [p for p in range(len(case.parts)) if case.body[p] == b]
-        F = sum(ufl.derivative(case.parts[p].energy(u_b) * dx(p + 1), u_b, v) for p in mine)
-        for load in case.surface_loads:
-            if load.part in mine:
-                traction = fem.Constant(body.mesh, np.array(load.traction))
-                F -= ufl.inner(traction, v) * ds(load.tag)
+        F = 0
+        for energy in dict.fromkeys(case.parts[p].energy for p in mine):
+            these = tuple(p + 1 for p in mine if case.parts[p].energy is energy)
+            # A body of one material has the form of all such bodies
+            where = dx if len(these) == len(mine) else dx(these)
+            F += ufl.derivative(energy(u_b) * where, u_b, v)
+        for tag in dict.fromkeys(load.tag for load in case.surface_loads):
+            # Zero where the load is another body's, which then has the same form
+            loads = [s.traction for s in case.surface_loads if s.tag == tag and s.part in mine]
+            traction = fem.Constant(body.mesh, np.sum([np.zeros(3), *loads], axis=0))
+            F -= ufl.inner(traction, v) * ds(tag)
         for load in case.nodal_loads:
             if load.part in mine:
                 F -= _nodal_work(case, load, v)

@@ -25,8 +25,11 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import dolfinx.jit
 import pytest
 
+# A form may be in the hands of another run: give it longer than ten seconds.
+dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (100, "Seconds")
 # The file that takes the reports of rank 0, in a run that a session has started.
 REPORTS = os.environ.get("MORTAR_TEST_REPORTS")
 # MPI adds to the environment of its processes what mpirun must not see.

@@ -146,13 +146,16 @@ def test_contact_carries_what_the_supports_carry():
     assert contact.force[2] > 1 and np.abs(contact.force[:2]).max() < 1e-2 * contact.force[2]
 
 
+def with_factor(stress, energy):
+    return lambda u: fem.Constant(u.function_space.mesh, stress) * energy(u)
+
+
 def scaled(case, length, stress):
     """The same bodies measured in other units: lengths and stresses have these factors."""
     for body in case.bodies:
         body.mesh.geometry.x[:] *= length
     for part in case.parts:
-        energy = part.energy
-        part.energy = lambda u, energy=energy: stress * energy(u)
+        part.energy = with_factor(stress, part.energy)
     for condition in case.dirichlet:
         where, value = condition.where, condition.value
         condition.where = lambda x, where=where: where(x / length)
