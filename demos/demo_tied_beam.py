@@ -476,8 +476,12 @@ def report():
     table("plane", "3:2")
 
     colours = {"tet4": "C0", "hex8": "C0", "tet10": "C1", "hex20": "C2", "hex27": "C3"}
-    lines = {"standard": ("-", "o"), "dual": ("--", "s"), "dual-linear": (":", "^"),
-             "dual-reproducing": ("-.", "x")}
+    lines = {
+        "standard": ("-", "o"),
+        "dual": ("--", "s"),
+        "dual-linear": (":", "^"),
+        "dual-reproducing": ("-.", "x"),
+    }
     panels = {"hexahedra, 2:3": {}, "tetrahedra, 2:3": {}, "second order, 3:2": {}}
     styles = {}
     for element in ELEMENTS:

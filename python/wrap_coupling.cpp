@@ -58,8 +58,7 @@ void wrap_options(nb::module_& m)
             self->min_coverage = min_coverage;
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space").none(),
-          nb::arg("options"),
-          nb::arg("min_coverage"), "A tie.")
+          nb::arg("options"), nb::arg("min_coverage"), "A tie.")
       .def(
           "make_contact",
           [](InterfaceOptions& self, std::optional<double> c_n,

@@ -149,9 +149,7 @@ def space_on(kind: str, multiplier: str) -> str:
     return "dual" if other else multiplier
 
 
-def transformation(
-    kind: str, multiplier: str, nonnegative: np.ndarray | None = None
-) -> np.ndarray:
+def transformation(kind: str, multiplier: str, nonnegative: np.ndarray | None = None) -> np.ndarray:
     """T of one facet, N~^T = N^T T, so that the dofs transform as d~ = T^-1 d.
 
     Args:

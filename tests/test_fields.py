@@ -147,7 +147,7 @@ def test_no_penetration_far_away():
     np.testing.assert_allclose(far, 0.06 + 0.25 - 0.01, atol=0.02)
 
 
-# Standard multipliers at all nodes of quad9 are too many for a first-order master: active sets cycle
+# Standard multipliers at all nodes of quad9 are too many for a first-order master: sets cycle
 @pytest.mark.parametrize(
     ("element", "multiplier"),
     [
@@ -158,7 +158,7 @@ def test_no_penetration_far_away():
     ],
 )
 def test_recovered_traction_has_the_resultant_of_contact(element, multiplier):
-    """On a plane surface, with friction, to round-off; its normal part is the recovered pressure."""
+    """On a plane surface, with friction, to round-off; so does the recovered pressure."""
     p = pressed(
         dm.Contact,
         elements=(element, "hex8"),

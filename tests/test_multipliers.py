@@ -266,7 +266,9 @@ def test_linear_tractions_are_reproduced(kind, integration):
     assert not r["D"][corners:].any()
 
 
-@pytest.mark.parametrize("pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join)
+@pytest.mark.parametrize(
+    "pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join
+)
 @integrations
 @pytest.mark.parametrize("covered", [True, False], ids=["covered", "partly covered"])
 def test_corner_functions_are_biorthogonal(pairing, integration, covered):

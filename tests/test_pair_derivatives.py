@@ -86,7 +86,9 @@ def test_integrals(pairing, integration, multiplier, left):
     check(p, multiplier, integration=integration, left=left, nonnegative=flags)
 
 
-@pytest.mark.parametrize("pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join)
+@pytest.mark.parametrize(
+    "pairing", [p for p in PAIRINGS if p[0] in ("tri6", "quad8")], ids="-".join
+)
 @integrations
 def test_corner_functions_of_whole_facets(pairing, integration):
     """Those of "dual-reproducing" where no edge is flagged: G is not symmetric then; and mixed."""

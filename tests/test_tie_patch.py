@@ -265,9 +265,7 @@ def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, expected):
         pair.kind = kind
     clamped = [cases.Dirichlet(1, lambda x: cases.near(0)(x[2]))]
     case = blocks.assemble(parts, pairs, clamped)
-    made = [
-        cases.make_interfaces(case, multiplier=space)[i] for i, space in enumerate(given)
-    ]
+    made = [cases.make_interfaces(case, multiplier=space)[i] for i, space in enumerate(given)]
     u = cases.displacements(case)
     forms = cases.residuals(case, u)
     if expected is None:

@@ -89,7 +89,7 @@ def relative_error(demo, domain, tags, element, multiplier):
 
 
 def jitter(domain, demo):
-    """Move the vertices of the bodies' left part at random, on the sides and the cut within them."""
+    """Move the vertices of the left part at random, on the sides and the cut within them."""
     x, cells = domain.geometry.x, domain.geometry.dofmap
     vertices = np.unique(cells[:, :4])
     v = x[vertices]

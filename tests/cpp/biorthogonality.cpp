@@ -33,9 +33,9 @@ struct Pair
     master.x = x_master;
   }
 
-  const FacetIntegrals&
-  integrate(FacetIntegrator& integrator,
-            std::span<const std::int8_t> nonnegative = {}) const
+  const FacetIntegrals& integrate(FacetIntegrator& integrator,
+                                  std::span<const std::int8_t> nonnegative
+                                  = {}) const
   {
     const int n = num_nodes(type);
     std::vector<double> normals;

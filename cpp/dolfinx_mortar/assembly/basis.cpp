@@ -128,26 +128,7 @@ dolfinx_mortar::flag_nonnegative(const Interface& interface,
     }
   }
   share(s, partly);
-
-  // Nodes of facets around. Where Φ are made of ψ the edges of such facets
-  // alone do, and those around keep what linear tractions need.
-  std::vector<std::int32_t> around(num, 0);
-  for (std::size_t f = 0; f < s.types.size(); ++f)
-  {
-    auto nodes = facet_nodes(s, f);
-    if (is_reproducing(space, s.types[f]))
-    {
-      for (auto k : nodes)
-        around[k] |= partly[k] > 0;
-    }
-    else if (std::ranges::any_of(nodes, [&](auto k) { return partly[k] > 0; }))
-    {
-      for (auto k : nodes)
-        around[k] = 1;
-    }
-  }
-  share(s, around);
-  std::ranges::transform(around, flags.begin(), [](auto n) { return n > 0; });
+  std::ranges::transform(partly, flags.begin(), [](auto n) { return n > 0; });
   return flags;
 }
 //-----------------------------------------------------------------------------

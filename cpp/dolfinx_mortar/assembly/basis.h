@@ -26,13 +26,13 @@ std::vector<double> nodal_weights(const Interface& interface,
                                   std::span<const double> x);
 
 /// @brief Flag the nodes that get functions which are nowhere negative: those
-/// of facets that the edge of a master crosses, and (with the space dual) of all
-/// facets around them.
-/// Collective.
+/// of facets that the edge of a master crosses. Collective.
 ///
-/// Parts that are too steep for the masters do not count. They are off contact,
-/// as on the side of a fillet, but the facets around them may be in contact,
-/// and a change of their functions is a jump of forces and gaps.
+/// With the facets around these flagged as well, ties of masters that end
+/// within the slave have up to three times the error. Parts that are too steep
+/// for the masters do not count. They are off contact, as on the side of a
+/// fillet, but the facets around them may be in contact, and a change of their
+/// functions is a jump of forces and gaps.
 /// @param[in] interface Interface.
 /// @param[in] beyond Share of each facet beyond the masters' edges, see
 /// NodalIntegrals.

@@ -100,8 +100,9 @@ struct FacetIntegrals
 ///
 /// Dual functions are built on the covered part of the facet, with the same
 /// quadrature points as everything else: A_e = D_e M_e⁻¹, D_e = diag ∫ Ñ_k,
-/// M_e = ∫ Ñ_j Ñ_k (∫ ψ_j Ñ_k where they are made of ψ). They are biorthogonal to round-off for any quadrature and
-/// any overlap, and their derivatives include master positions.
+/// M_e = ∫ Ñ_j Ñ_k (∫ ψ_j Ñ_k where they are made of ψ). They are biorthogonal
+/// to round-off for any quadrature and any overlap, and their derivatives
+/// include master positions.
 class FacetIntegrator
 {
 public:

@@ -65,9 +65,9 @@ std::vector<std::int8_t> sharing(const Coupling& c, const Uses& uses)
   for (const CoupledInterface& i : c.interfaces)
   {
     const Surface& s = i.data.slave;
-    const bool here = std::any_of(
-        s.local_blocks.begin(), s.local_blocks.begin() + s.num_owned,
-        [&](auto b) { return uses.slave[b] > 1; });
+    const bool here = std::any_of(s.local_blocks.begin(),
+                                  s.local_blocks.begin() + s.num_owned,
+                                  [&](auto b) { return uses.slave[b] > 1; });
     shares.push_back(any(c.comm(), here));
   }
   return shares;

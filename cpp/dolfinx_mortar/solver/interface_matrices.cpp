@@ -92,12 +92,13 @@ Matrix dolfinx_mortar::inverse(const ContactProblem& problem,
   const CoupledInterface& c = coupling.interfaces.at(interface);
   const MultiplierSpace space = c.data.options.space;
   const bool all_nodes = std::ranges::all_of(
-      c.data.slave.types,
-      [&](auto type) { return num_multipliers(space, type) == num_nodes(type); });
+      c.data.slave.types, [&](auto type)
+      { return num_multipliers(space, type) == num_nodes(type); });
   if (any(coupling.comm(), !is_dual(space) or !all_nodes))
   {
     throw std::runtime_error(
-        "D has a sparse inverse where dual multipliers are at all nodes: D⁻¹, P "
+        "D has a sparse inverse where dual multipliers are at all nodes: D⁻¹, "
+        "P "
         "and constraints are not available with others. Make the interface "
         "with multiplier='dual'.");
   }

@@ -7,8 +7,8 @@
 #include "messages.h"
 #include <algorithm>
 #include <cmath>
-#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
+#include <dolfinx_mortar/multiplier/multiplier.h>
 #include <dolfinx_mortar/surface/patches.h>
 #include <numbers>
 #include <stdexcept>
@@ -25,9 +25,9 @@ std::string tag_name(const std::vector<TaggedFacets>& parts)
 /// Whether to condense the multipliers.
 bool choose_condensation(std::optional<bool> condense, const Coupling& coupling)
 {
-  const bool dual = std::ranges::all_of(
-      coupling.interfaces, [](const CoupledInterface& i)
-      { return is_dual(i.data.options.space); });
+  const bool dual
+      = std::ranges::all_of(coupling.interfaces, [](const CoupledInterface& i)
+                            { return is_dual(i.data.options.space); });
   if (condense.value_or(false) and !dual)
   {
     throw std::invalid_argument(

@@ -28,30 +28,30 @@ std::vector<double> dolfinx_mortar::recover(const Interface& interface,
 {
   const Surface& s = interface.slave;
   std::vector<double> loads(3 * num_local_nodes(s), 0.0);
-  for_each_facet(
-      interface, basis, configuration, z, {}, Derivatives::none,
-      [&](std::int32_t f, std::span<const std::int32_t> nodes,
-          const FacetIntegrals& r)
-      {
-        if (!r.covered)
-          return;
-        RowMatrix values(nodes.size(), 3);
-        for (std::size_t k = 0; k < nodes.size(); ++k)
-          values.row(k)
-              = Eigen::Map<const Eigen::RowVector3d>(z.data() + 3 * nodes[k]);
-        const RowMatrix load = corner_functions(s.types[f]).transpose()
-                               * (r.D.transpose() * values);
-        for (int c = 0; c < num_corners(s.types[f]); ++c)
-        {
-          for (int i = 0; i < 3; ++i)
-            loads[3 * nodes[c] + i] += load(c, i);
-        }
-      });
+  for_each_facet(interface, basis, configuration, z, {}, Derivatives::none,
+                 [&](std::int32_t f, std::span<const std::int32_t> nodes,
+                     const FacetIntegrals& r)
+                 {
+                   if (!r.covered)
+                     return;
+                   RowMatrix values(nodes.size(), 3);
+                   for (std::size_t k = 0; k < nodes.size(); ++k)
+                     values.row(k) = Eigen::Map<const Eigen::RowVector3d>(
+                         z.data() + 3 * nodes[k]);
+                   const RowMatrix load
+                       = corner_functions(s.types[f]).transpose()
+                         * (r.D.transpose() * values);
+                   for (int c = 0; c < num_corners(s.types[f]); ++c)
+                   {
+                     for (int i = 0; i < 3; ++i)
+                       loads[3 * nodes[c] + i] += load(c, i);
+                   }
+                 });
   scatter_reverse_add(s, std::span(loads), 3);
   scatter_forward(s, std::span(loads), 3);
-  const std::vector<double> weights = nodal_weights(
-      s, MultiplierSpace::dual_linear, basis.nonnegative,
-      configuration.x_slave);
+  const std::vector<double> weights
+      = nodal_weights(s, MultiplierSpace::dual_linear, basis.nonnegative,
+                      configuration.x_slave);
 
   // The same from all facets of a node. A rank may own nodes that only other
   // ranks' facets touch: values, and the number of ranks that have them

@@ -114,8 +114,8 @@ Matrix ReducedPreconditioner::follow_masters() const
   }
   if (!any(_comm, !columns.empty()))
     return {};
-  const Matrix edges = create_from_rows(_comm, s.size_u, s.size_u, offsets,
-                                        columns, values);
+  const Matrix edges
+      = create_from_rows(_comm, s.size_u, s.size_u, offsets, columns, values);
 
   // Mean motion of masters, in the directions of the constraints
   std::vector<double> kept(s.size_u, 1.0), shares(s.size_z, 0.0);

@@ -100,8 +100,8 @@ Relocation dolfinx_mortar::relocate(
   const Basis& basis = state.interfaces[0].basis;
   const std::vector<std::int8_t> all(basis.nonnegative.size(), 1);
   const bool corners = std::ranges::any_of(
-      c.data.slave.types, [&](auto type)
-      { return is_reproducing(c.data.options.space, type); });
+      c.data.slave.types,
+      [&](auto type) { return is_reproducing(c.data.options.space, type); });
   const std::array<std::size_t, 1> which = {0};
   const std::array flags = {corners ? &all : &basis.nonnegative};
   const Matrix T = plus_identity(

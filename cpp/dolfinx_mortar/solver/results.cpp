@@ -169,8 +169,8 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
   const std::vector<double> recovered
       = recover(c.data, own.basis, geometry.configuration, z);
   std::ranges::transform(recovered, traction.begin(), std::negate());
-  fields.push_back(combine("recovered_traction", s, traction, 3, Combine::mean,
-                           shares));
+  fields.push_back(
+      combine("recovered_traction", s, traction, 3, Combine::mean, shares));
   if (c.is_tie())
     return fields;
 
@@ -182,7 +182,8 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
     const Eigen::Map<const Eigen::Vector3d> n(normals.data() + 3 * k),
         zk(z.data() + 3 * k);
     pressure[k] = n.dot(zk);
-    mean[k] = n.dot(Eigen::Map<const Eigen::Vector3d>(recovered.data() + 3 * k));
+    mean[k]
+        = n.dot(Eigen::Map<const Eigen::Vector3d>(recovered.data() + 3 * k));
     Eigen::Map<Eigen::Vector3d>(tangential.data() + 3 * k)
         = pressure[k] * n - zk;
   }
@@ -191,8 +192,7 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
   for (Status v : own.status)
     status.push_back(static_cast<double>(v));
   put("pressure", pressure, 1, Combine::largest);
-  fields.push_back(
-      combine("recovered_pressure", s, mean, 1, Combine::largest));
+  fields.push_back(combine("recovered_pressure", s, mean, 1, Combine::largest));
   put("tangential_traction", tangential, 3, Combine::mean, shares);
   put("gap", extend(s, shown_gaps(c, own.basis, e, own.status), 1), 1,
       Combine::smallest);

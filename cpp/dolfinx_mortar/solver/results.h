@@ -29,9 +29,10 @@ struct Field
 /// @brief Results of an interface in the last accepted state. Collective.
 ///
 /// Nodes that carry no multiplier have the mean of their facets' nodes that
-/// have one, those at the middle of an edge that of its ends. Where several slave nodes are at one displacement node, at an
-/// edge, pressure and status are the largest, the gap is the smallest, slip
-/// that of the node with the largest status, tractions are means.
+/// have one, those at the middle of an edge that of its ends. Where several
+/// slave nodes are at one displacement node, at an edge, pressure and status
+/// are the largest, the gap is the smallest, slip that of the node with the
+/// largest status, tractions are means.
 /// @return Empty for contacts before the first solve.
 std::vector<Field> results(const ContactProblem& problem,
                            std::size_t interface);
