@@ -115,7 +115,7 @@ class Interface:
             same["max_angle"], same["min_coverage"] = max_angle, min_coverage
         self.comm = self.slave[0].V.mesh.comm
         self.problem: ContactProblem | None = None
-        self._space = multiplier and _SPACES[multiplier]
+        self._space = None if multiplier is None else _SPACES[multiplier]
         self._min_coverage = min_coverage
         self._options = cpp.IntegrationOptions(
             integration=rule,
