@@ -97,9 +97,8 @@ Matrix dolfinx_mortar::inverse(const ContactProblem& problem,
   if (any(coupling.comm(), !is_dual(space) or !all_nodes))
   {
     throw std::runtime_error(
-        "D has a sparse inverse where dual multipliers are at all nodes: D⁻¹, "
-        "P "
-        "and constraints are not available with others. Make the interface "
+        "D has a sparse inverse where dual multipliers are at all nodes. With "
+        "others D⁻¹, P and constraints are not available: make the interface "
         "with multiplier='dual'.");
   }
   const auto& geometry = evaluation ? evaluation->interfaces[interface].geometry

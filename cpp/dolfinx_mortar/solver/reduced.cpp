@@ -104,7 +104,7 @@ Matrix ReducedPreconditioner::follow_masters() const
         = std::ranges::find(row.columns(), begin + dof) == row.columns().end();
     for (std::size_t k = 0; k < row.columns().size() and whole; ++k)
     {
-      const double missing = 0.5 - row.values()[k];
+      const double missing = 1.0 / row.columns().size() - row.values()[k];
       if (stays[dof] or missing == 0)
         continue;
       columns.push_back(row.columns()[k]);

@@ -82,10 +82,10 @@ private:
   /// as far as masters around it, and back with the edges. An edge that follows
   /// the mean motion of the masters at its corners takes care of that,
   ///
-  ///     w_e = s_e + Σ_c (½ - T_ec) (∫ Φ_c)⁻¹ M_c u_m,
+  ///     w_e = s_e + Σ_c (½ - T_ec) (∫ Φ_c)⁻¹ M_c u_m
   ///
-  /// as if it lay between them: to d_e = w_e + Σ T_ec d_c that adds what is
-  /// missing. Null where no edge does.
+  /// (¼ at a centre), as if it lay between them: to d_e = w_e + Σ T_ec d_c that
+  /// adds what is missing. Null where nothing is, as with T_ec = ½.
   Matrix follow_masters() const;
 
   Matrix create_operator() const;
