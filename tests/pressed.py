@@ -56,7 +56,8 @@ def pressed(
     ]
     bodies, _ = cases._bodies(MPI.COMM_WORLD, parts, False)
     energy = cases.neo_hooke(E, NU)
-    dx = ufl.dx(metadata={"quadrature_degree": 3})
+    # With two points per direction hex27 has motions without energy
+    dx = ufl.dx(metadata={"quadrature_degree": 5 if "hex27" in elements else 3})
     u = [fem.Function(b.V) for b in bodies]
     F = [ufl.derivative(energy(w) * dx, w, ufl.TestFunction(w.function_space)) for w in u]
     top, bottom = (fem.Constant(b.mesh, np.zeros(3)) for b in bodies)

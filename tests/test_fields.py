@@ -164,7 +164,7 @@ def test_recovered_traction_of_a_tie_has_the_resultant(element, multiplier):
 
 
 @pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
-@pytest.mark.parametrize("element", ["hex8", "tet10", "hex20"])
+@pytest.mark.parametrize("element", ["hex8", "tet10", "hex20", "hex27"])
 def test_recovered_pressure_has_the_resultant(element, multiplier):
     """Of contact with friction, and is the normal part of the recovered traction."""
     p = pressed(
