@@ -278,7 +278,7 @@ def test_corner_functions_are_biorthogonal(pairing, integration, covered):
     for p in examples(pairing, 3, covered):
         for flags in (np.ones(n, np.int8), rng.integers(0, 2, n).astype(np.int8)):
             r = p.integrate("dual-reproducing", integration, nonnegative=flags)
-            if not flags.all() and not r["covered"]:
+            if not covered and not flags.all() and not r["covered"]:
                 continue  # integrals of functions that change their sign may vanish
             D, scale = r["D_tilde"][:corners, :corners], r["area"]
             assert np.abs(D - np.diag(np.diag(D))).max() < 1e-13 * scale

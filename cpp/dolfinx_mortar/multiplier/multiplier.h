@@ -79,8 +79,8 @@ class ScaledFactors
 public:
   /// @param[in] M Matrix.
   /// @param[in] symmetric It is symmetric, and must be positive definite.
-  /// @return False where the matrix is singular, or not positive definite, to
-  /// working precision.
+  /// @return False where a symmetric matrix is not positive definite to working
+  /// precision, and where another one has a pivot below 1e-3 of the diagonal.
   bool compute(const FacetMatrix& M, bool symmetric);
 
   /// @brief Solve M X = B in place.
