@@ -52,6 +52,9 @@ parser.add_argument("--material", choices=MATERIALS, help="only this one")
 parser.add_argument("--pressure", type=float, help="on the flat top, instead of 0.2 and 0.05")
 parser.add_argument("--full", action="store_true", help="the whole hemisphere, not a quarter")
 parser.add_argument(
+    "--multipliers", action="store_true", help="also compare all multiplier spaces"
+)
+parser.add_argument(
     "--convergence", action="store_true", help="also the error in the energy norm (takes long)"
 )
 options = parser.parse_args() if __name__ == "__main__" else parser.parse_args([])
@@ -293,6 +296,9 @@ def hemisphere(element, a, n, layers, growth, full=False):
 #
 # The hemisphere is held by contact alone: with an empty active set it would be loose. We start
 # with the nodes inside of Hertz's radius; the default, those nearest to the plane, would do too.
+#
+# Multipliers at all nodes (`dual`) resolve a pressure that varies within few cells best, and the
+# plane is no coarse curved master, with which they would do badly; see the comparison below.
 
 
 # +
@@ -333,7 +339,7 @@ def supports(V, tags, full):
     return bcs
 
 
-def solve(domain, tags, element, material, p, full=False, petsc_options=None):
+def solve(domain, tags, element, material, p, full=False, petsc_options=None, multiplier="dual"):
     """Displacement, contact, problem and number of Newton iterations of one load."""
     V = displacement_space(domain, element)
     u, v = fem.Function(V, name="displacement"), ufl.TestFunction(V)
@@ -350,6 +356,7 @@ def solve(domain, tags, element, material, p, full=False, petsc_options=None):
         slave=CAP,
         master=MASTER,
         initial_active=lambda x: np.hypot(x[0], x[1]) < hertz(p)[1],
+        multiplier=multiplier,
         **small,
     )
     problem = dm.ContactProblem(
@@ -375,7 +382,8 @@ def solve(domain, tags, element, material, p, full=False, petsc_options=None):
 # With dual functions a nodal value is the average of the pressure around the node, weighted by the
 # node's own transformed function: wide at corners, narrow at edges. So nodes at the same radius
 # differ a little, most of all where the pressure falls like a root, at the end of the contact
-# zone. No nodal pressure is negative.
+# zone. No nodal pressure is negative. `contact.recovered_pressure` has averages around corners
+# alone, linear in between: it is smooth, and for this pressure less accurate.
 
 # +
 results, curves = [], {}
@@ -418,9 +426,8 @@ def nodal_values(u, contact):
     return np.vstack(comm.allgather(values))
 
 
-def pressure_error(contact, tags, p):
-    """Relative error of the pressure against Hertz in the L2 norm of the slave surface."""
-    pressure = contact.pressure
+def pressure_error(pressure, tags, p):
+    """Relative error of a pressure against Hertz in the L2 norm of the slave surface."""
     domain = pressure.function_space.mesh
     x, (largest, rho) = ufl.SpatialCoordinate(domain), hertz(p)
     inside = 1 - (x[0] ** 2 + x[1] ** 2) / rho**2
@@ -463,7 +470,7 @@ def measure(element, material, p, level, full=False):
         }
     )
     if material == "linear":
-        results[-1]["pressure_error"] = pressure_error(contact, tags, p)
+        results[-1]["pressure_error"] = pressure_error(contact.pressure, tags, p)
     curves[element, material, p] = values
     q = results[-1]
     say(
@@ -500,14 +507,67 @@ def run(options):
     options.out.mkdir(parents=True, exist_ok=True)
     results.clear()
     curves.clear()
+    spaces.clear()
     for number, (element, material, p) in enumerate(cases(options)):
         for level in range(options.level + 1):
             u, contact = measure(element, material, p, level, options.full)
         if number == 0:
             show(u, contact, p, options)
+    if options.multipliers:
+        compare_spaces(options)
     if options.convergence:
         energy_convergence(options)
     report(options.out)
+
+
+# -
+
+# ## Multiplier spaces
+#
+# Small strains, against Hertz. Two fields of each space: nodal values, and the recovered pressure.
+# Errors are relative, in the norm L2 on the slave surface, and the largest one of the surface's
+# nodes within 0.85 of Hertz's radius; in front of the end of the contact zone, where the curve is
+# steep, that is.
+
+
+# +
+spaces = []
+
+
+def largest_error(pressure, tags, p):
+    """Largest error at a slave node within 0.85 of Hertz's radius, relative to the largest pressure."""
+    W, (largest, rho) = pressure.function_space, hertz(p)
+    dofs = fem.locate_dofs_topological(W, 2, tags.find(CAP))
+    r = np.linalg.norm(W.tabulate_dof_coordinates()[dofs, :2], axis=1)
+    dofs, r = dofs[r < 0.85 * rho], r[r < 0.85 * rho]
+    errors = np.abs(pressure.x.array[dofs] / largest - np.sqrt(1 - r**2 / rho**2))
+    return comm.allreduce(float(errors.max(initial=0.0)), op=MPI.MAX)
+
+
+def compare_spaces(options, element="hex20", p=0.2):
+    """Errors of the pressure with all multiplier spaces, on all levels."""
+    say(f"\n{element}, errors of the pressure in %:       nodal L2, largest   recovered L2, largest")
+    for multiplier in ("dual", "dual-linear", "dual-reproducing", "standard"):
+        for level in range(options.level + 1):
+            domain, tags, h = levelled_mesh(element, p, level, options.full)
+            _, contact, _, iterations = solve(
+                domain, tags, element, "linear", p, options.full, multiplier=multiplier
+            )
+            fields = {"nodal": contact.pressure, "recovered": contact.recovered_pressure}
+            row = {"element": element, "multiplier": multiplier, "h": h, "iterations": iterations}
+            for name, field in fields.items():
+                row[f"{name}_error"] = pressure_error(field, tags, p)
+                row[f"{name}_largest_error"] = largest_error(field, tags, p)
+            spaces.append(row)
+            say(
+                f"  {multiplier:18} h = {h:.4f}  {iterations:2} iterations  "
+                + "".join(
+                    f"{100 * row[f'{name}_error']:14.2f} {100 * row[f'{name}_largest_error']:8.2f}"
+                    for name in fields
+                )
+            )
+    if comm.rank == 0:
+        (options.out / "multipliers.json").write_text(json.dumps(spaces, indent=1))
 
 
 # -

@@ -209,6 +209,12 @@ void wrap_interface_results(nb::class_<ContactProblem>& p)
            "Fields of an interface, none before the first solve of a contact. "
            "Collective.")
       .def(
+          "facet_multipliers",
+          [](const ContactProblem& self, std::size_t i)
+          { return as_rows(facet_multipliers(self, i), 3); },
+          nb::arg("interface"),
+          "The multiplier at the nodes of each slave facet. Collective.")
+      .def(
           "D", [](const ContactProblem& self, std::size_t i)
           { return give(mortar_matrix(self, i, 'D')); }, nb::arg("interface"),
           "Mortar matrix of the slave side. Collective.")

@@ -185,6 +185,34 @@ def test_recovered_pressure_has_the_resultant(element, multiplier):
     assert pressed_with == pytest.approx(force[2], rel=1e-12)
 
 
+@pytest.mark.parametrize("multiplier", oracle.MULTIPLIERS)
+@pytest.mark.parametrize("element", ["hex8", "tet10", "hex20", "hex27"])
+def test_facet_multipliers_have_the_nodal_forces(element, multiplier):
+    """∫ N_k λ_h = (Dᵀ z)_k at each slave node, with λ_h integrated by itself."""
+    p = pressed(dm.Tie, elements=(element, "hex8"), multiplier=multiplier)
+    tie = p.interface
+    with pytest.raises(RuntimeError, match="no solution yet"):
+        _ = tie.facet_multipliers
+    p.move(0.01, -0.02)
+    z, f = tie.D.createVecLeft(), tie.D.createVecRight()
+    z.array = p.problem.state.z
+    tie.D.multTranspose(z, f)
+    expected = np.vstack(comm.allgather(f.array.reshape(-1, 3)))
+    slave, values = tie.data.slave, tie.facet_multipliers
+    assert values.shape == (len(slave.nodes), 3)
+    kind = {"hex8": "quad4", "tet10": "tri6", "hex20": "quad8", "hex27": "quad9"}[element]
+    xi, w = oracle.facet_rule(kind, 4)
+    found = np.zeros_like(expected)
+    for begin, end in zip(slave.offsets[:-1], slave.offsets[1:], strict=True):
+        nodes = slave.nodes[begin:end]
+        N, _ = oracle.shape_functions(kind, xi)
+        _, tangents = oracle.evaluate(kind, slave.X.reshape(-1, 3)[nodes], xi)
+        area = np.linalg.norm(np.cross(tangents[:, 0], tangents[:, 1]), axis=1) * w
+        found[slave.blocks[nodes]] += N.T @ (area[:, None] * (N @ values[begin:end]))
+    found = comm.allreduce(found)
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+
+
 def integrals(interface, field):
     """Of the components of a field over the slave surface."""
     (slave,) = interface.slave

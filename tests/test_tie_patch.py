@@ -245,20 +245,21 @@ def test_interfaces_agree_on_the_basis_where_they_meet(element):
 
 
 @pytest.mark.parametrize(
-    ("given", "kinds", "expected"),
+    ("given", "kinds", "element", "expected"),
     [
-        ((None, None), ("tie", "tie"), "dual-reproducing"),
-        ((None, None), ("tie", "contact"), "dual"),
-        ((None, "dual-linear"), ("tie", "tie"), "dual-linear"),
-        (("dual", "dual-linear"), ("tie", "tie"), None),
+        ((None, None), ("tie", "tie"), "hex20", "dual-reproducing"),
+        ((None, None), ("tie", "contact"), "hex20", "dual"),
+        ((None, None), ("tie", "contact"), "tet10", "dual-linear"),
+        ((None, "dual-linear"), ("tie", "tie"), "hex20", "dual-linear"),
+        (("dual", "dual-linear"), ("tie", "tie"), "hex20", None),
     ],
 )
-def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, expected):
+def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, element, expected):
     """The default follows what is given for another one; two that are given must agree."""
     parts = [
-        blocks.block("upper", "hex20", (0, 0, 1), (2, 1, 2), (2, 1, 1)),
-        blocks.block("lower", "hex20", (0, 0, 0), (2, 1, 1), (3, 1, 1)),
-        blocks.block("beside", "hex20", (2, 0, 1), (3, 1, 2), (1, 2, 2)),
+        blocks.block("upper", element, (0, 0, 1), (2, 1, 2), (2, 1, 1)),
+        blocks.block("lower", element, (0, 0, 0), (2, 1, 1), (3, 1, 1)),
+        blocks.block("beside", element, (2, 0, 1), (3, 1, 2), (1, 2, 2)),
     ]
     pairs = [blocks.tie(0, 1), blocks.tie(0, 2, "x+", "x-")]
     for pair, kind in zip(pairs, kinds, strict=True):
@@ -274,6 +275,23 @@ def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, expected):
     else:
         dm.ContactProblem(forms, u, interfaces=made)
         assert [i.multiplier_space for i in made] == [expected] * 2
+
+
+@pytest.mark.parametrize(
+    ("element", "expected"),
+    [("hex8", "dual"), ("tet10", "dual-linear"), ("hex20", "dual"), ("hex27", "dual")],
+)
+def test_default_space_of_contacts(element, expected):
+    """Also on ranks that have no slave facet."""
+    parts = [
+        blocks.block("upper", element, (0, 0, 1), (1, 1, 2), (1, 1, 1)),
+        blocks.block("lower", "hex8", (0, 0, 0), (1, 1, 1), (1, 1, 1)),
+    ]
+    pair = blocks.tie(0, 1)
+    pair.kind = "contact"
+    case = blocks.assemble(parts, [pair], [cases.Dirichlet(0, lambda x: x[2] > 1.5)])
+    s = cases.make_problem(case)
+    assert s.interfaces[0].multiplier_space == expected
 
 
 @multipliers

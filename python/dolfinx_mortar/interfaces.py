@@ -247,6 +247,19 @@ class Interface:
         """
         return self._field("recovered_traction")
 
+    @property
+    def facet_multipliers(self) -> npt.NDArray[np.float64]:
+        """λ_h itself at the nodes of each slave facet of this rank, shape (nodes, 3). Collective.
+
+        In the order of ``data.slave.nodes``: facet f has the rows from ``data.slave.offsets[f]``
+        to ``offsets[f + 1]``, and λ_h = Σ N_k λ_h(x_k) in between, where masters cover it. Dual
+        functions jump from facet to facet and change their sign, and so does λ_h.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        return self._cpp.facet_multipliers(self._index)
+
     # -- Matrices: each access makes a new one, which is the caller's ---------
 
     def _maker(self) -> cpp.ContactProblem:
@@ -304,10 +317,11 @@ class Tie(Interface):
             the softer body. A list of ``(V, facet_tags, tag)`` makes a surface of several bodies.
         master: Tag of the master facets, or a list as for ``slave``.
         multiplier: ``"dual-reproducing"`` (default of ties: at the corners of tri6 and quad8,
-            reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual"`` (default of
-            contacts: at all nodes, condensed), ``"dual-linear"`` (at corners, condensed) or
-            ``"standard"`` (needs a saddle point solver). Interfaces that share slave nodes have
-            one space: where none is given, that of contacts.
+            reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual-linear"``
+            (default of contacts on tri6: at corners, condensed), ``"dual"`` (default of
+            other contacts: at all nodes, condensed) or ``"standard"`` (needs a saddle point
+            solver). Interfaces that share slave nodes have one space: where none is given, that
+            of contacts.
         integration: ``"segment"`` (exact on the overlap of facets) or ``"element"`` (points of
             the slave facets projected on masters: cheaper, not exact).
         quadrature_degree: Degree on each triangle of a segment, or on each slave facet.

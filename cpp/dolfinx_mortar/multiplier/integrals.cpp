@@ -260,6 +260,14 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
   }
 
   // Then for those that have a multiplier
+  RowMatrix functions = (_facet.reproducing
+                             ? transformation(MultiplierSpace::dual_linear,
+                                              _facet.slave.type)
+                             : _facet.T)
+                            .leftCols(nl)
+                            .transpose();
+  _facet.apply_coefficients(functions);
+  r.functions.noalias() = X.transpose() * functions;
   r.D_tilde.noalias() = X.transpose() * D;
   r.D.noalias() = r.D_tilde * _facet.T_inv;
   r.M.noalias() = X.transpose() * M;

@@ -78,6 +78,9 @@ struct FacetIntegrals
   /// M_jl = ∫ Φ_j N_l∘P, shape (n, m)
   RowMatrix M;
 
+  /// Φ_j at the nodes of the facet, shape (n, n): Φ_j = Σ_k Φ_j(x_k) N_k
+  RowMatrix functions;
+
   /// Weighted gap g̃_j = -∫ Φ_j n·(x⁽¹⁾ - x⁽²⁾∘P), shape (n)
   Eigen::VectorXd gap;
 

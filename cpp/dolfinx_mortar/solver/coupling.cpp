@@ -73,29 +73,51 @@ std::vector<std::int8_t> sharing(const Coupling& c, const Uses& uses)
   return shares;
 }
 
+/// Space of a tie, or of a contact, that no space was given for: what the
+/// pressures of press fits, rollers and spheres speak for (docs/multipliers.md)
+MultiplierSpace usual_space(bool is_tie, bool has_tri6)
+{
+  if (is_tie)
+    return MultiplierSpace::dual_reproducing;
+  return has_tri6 ? MultiplierSpace::dual_linear : MultiplierSpace::dual;
+}
+
+/// True where a slave facet on any rank is tri6. Collective.
+bool has_tri6(const Coupling& c, const Surface& slave)
+{
+  return any(c.comm(),
+             std::ranges::find(slave.types, FacetType::tri6) != slave.types.end());
+}
+
 /// Give each interface the space that was asked for, or the default: one for
 /// all interfaces that share slave nodes. Collective.
 void choose_spaces(Coupling& c, const Uses& uses)
 {
   const std::vector<std::int8_t> shares = sharing(c, uses);
+  std::vector<std::int8_t> tri6;
   std::optional<MultiplierSpace> common;
-  bool ties = true;
+  bool all_ties = true, any_tri6 = false;
   for (std::size_t i = 0; i < shares.size(); ++i)
   {
-    if (shares[i] and !common)
-      common = c.interfaces[i].space;
-    ties = ties and (!shares[i] or c.interfaces[i].is_tie());
+    const CoupledInterface& own = c.interfaces[i];
+    tri6.push_back(has_tri6(c, own.data.slave));
+    if (!shares[i])
+      continue;
+    if (!common)
+      common = own.space;
+    all_ties = all_ties and own.is_tie();
+    any_tri6 = any_tri6 or tri6[i];
   }
+  if (!common)
+    common = usual_space(all_ties, any_tri6);
   for (std::size_t i = 0; i < shares.size(); ++i)
   {
     CoupledInterface& own = c.interfaces[i];
-    const bool tie = shares[i] ? ties : own.is_tie();
     const MultiplierSpace usual
-        = tie ? MultiplierSpace::dual_reproducing : MultiplierSpace::dual;
-    const MultiplierSpace space
-        = own.space.value_or(shares[i] ? common.value_or(usual) : usual);
-    own.data.options.space = space;
-    own.data.candidates = multiplier_nodes(own.data.slave, space);
+        = shares[i] ? *common : usual_space(own.is_tie(), tri6[i]);
+    own.data.options.space = own.space.value_or(usual);
+    own.data.candidates
+        = multiplier_nodes(own.data.slave, own.data.options.space);
   }
 }
 

@@ -21,8 +21,9 @@ struct InterfaceOptions
   /// Parts of both surfaces
   std::vector<TaggedFacets> slave, master;
 
-  /// Space of the multipliers; by default dual_reproducing for a tie and dual
-  /// for a contact, but where interfaces share slave nodes one for all of them:
+  /// Space of the multipliers; by default dual_reproducing for a tie,
+  /// dual_linear for a contact with tri6 among its slave facets and
+  /// dual for other contacts. Interfaces that share slave nodes have one space:
   /// the one that is given for any, else that of contacts
   std::optional<MultiplierSpace> space;
 

@@ -18,6 +18,18 @@ FacetMatrix corner_functions(FacetType type)
   return transformation(MultiplierSpace::dual_linear, type)
       .leftCols(num_corners(type));
 }
+
+/// Values of the nodes of a facet, shape (nodes.size(), 3)
+RowMatrix rows(std::span<const double> z, std::span<const std::int32_t> nodes)
+{
+  RowMatrix values(nodes.size(), 3);
+  for (std::size_t k = 0; k < nodes.size(); ++k)
+  {
+    values.row(k)
+        = Eigen::Map<const Eigen::RowVector3d>(z.data() + 3 * nodes[k]);
+  }
+  return values;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -34,13 +46,9 @@ std::vector<double> dolfinx_mortar::recover(const Interface& interface,
                  {
                    if (!r.covered)
                      return;
-                   RowMatrix values(nodes.size(), 3);
-                   for (std::size_t k = 0; k < nodes.size(); ++k)
-                     values.row(k) = Eigen::Map<const Eigen::RowVector3d>(
-                         z.data() + 3 * nodes[k]);
                    const RowMatrix load
                        = corner_functions(s.types[f]).transpose()
-                         * (r.D.transpose() * values);
+                         * (r.D.transpose() * rows(z, nodes));
                    for (int c = 0; c < num_corners(s.types[f]); ++c)
                    {
                      for (int i = 0; i < 3; ++i)
@@ -78,4 +86,23 @@ std::vector<double> dolfinx_mortar::recover(const Interface& interface,
   for (std::size_t i = 0; i < out.size(); ++i)
     out[i] = sums[4 * (i / 3) + i % 3] / std::max(sums[4 * (i / 3) + 3], 1.0);
   return out;
+}
+//-----------------------------------------------------------------------------
+std::vector<double> dolfinx_mortar::facet_multipliers(
+    const Interface& interface, const Basis& basis,
+    const Configuration& configuration, std::span<const double> z)
+{
+  const Surface& s = interface.slave;
+  std::vector<double> values(3 * s.nodes.size(), 0.0);
+  for_each_facet(interface, basis, configuration, z, {}, Derivatives::none,
+                 [&](std::int32_t f, std::span<const std::int32_t> nodes,
+                     const FacetIntegrals& r)
+                 {
+                   if (!r.covered)
+                     return;
+                   Eigen::Map<RowMatrix>(values.data() + 3 * s.offsets[f],
+                                         nodes.size(), 3)
+                       = r.functions.transpose() * rows(z, nodes);
+                 });
+  return values;
 }

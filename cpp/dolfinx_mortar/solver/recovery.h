@@ -29,4 +29,18 @@ namespace dolfinx_mortar
 std::vector<double> recover(const Interface& interface, const Basis& basis,
                             const Configuration& configuration,
                             std::span<const double> z);
+
+/// @brief The multiplier λ_h = Σ_j Φ_j z_j itself, facet by facet. Collective.
+///
+/// On a facet it is Σ_k N_k λ_h(x_k) with the values at the facet's nodes,
+/// and has no meaning beyond the part of it that masters cover. Dual functions
+/// jump from facet to facet and change their sign, and so does λ_h: it shows
+/// what the multiplier space holds, not what the pressure is.
+/// @param[in] interface,basis,configuration,z See recover.
+/// @return Values at the nodes of all facets, in the order of Surface::nodes,
+/// shape (Surface::nodes.size(), 3); zero on facets that no master covers.
+std::vector<double> facet_multipliers(const Interface& interface,
+                                      const Basis& basis,
+                                      const Configuration& configuration,
+                                      std::span<const double> z);
 } // namespace dolfinx_mortar

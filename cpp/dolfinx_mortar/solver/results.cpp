@@ -121,6 +121,17 @@ Field combine(std::string name, const Surface& s,
   return field;
 }
 
+const Evaluation& last_evaluation(const ContactProblem& problem)
+{
+  const Evaluation* evaluation = problem.evaluation();
+  if (!evaluation)
+  {
+    throw std::runtime_error(
+        "There is no solution yet: call solve() of the ContactProblem first.");
+  }
+  return *evaluation;
+}
+
 std::vector<double> extend(const Surface& s, std::span<const double> owned,
                            int columns)
 {
@@ -201,6 +212,19 @@ std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
   return fields;
 }
 //-----------------------------------------------------------------------------
+std::vector<double>
+dolfinx_mortar::facet_multipliers(const ContactProblem& problem,
+                                  std::size_t interface)
+{
+  const Evaluation& evaluation = last_evaluation(problem);
+  const Coupling& coupling = problem.coupling();
+  const State& state = problem.state();
+  return facet_multipliers(
+      coupling.interfaces.at(interface).data, state.interfaces[interface].basis,
+      evaluation.interfaces[interface].geometry->configuration,
+      local_multipliers(coupling, interface, state.z));
+}
+//-----------------------------------------------------------------------------
 std::int64_t dolfinx_mortar::num_multiplier_nodes(const ContactProblem& problem,
                                                   std::size_t interface)
 {
@@ -217,16 +241,11 @@ Resultants dolfinx_mortar::resultants(const ContactProblem& problem,
 {
   const Coupling& coupling = problem.coupling();
   const State& state = problem.state();
-  const Evaluation* evaluation = problem.evaluation();
-  if (!evaluation)
-  {
-    throw std::runtime_error(
-        "There is no solution yet: call solve() of the ContactProblem first.");
-  }
+  const Evaluation& evaluation = last_evaluation(problem);
   const CoupledInterface& c = coupling.interfaces.at(interface);
   BlockAccumulator<1, 1> D, M;
   integrate(c.data, state.interfaces[interface].basis,
-            evaluation->interfaces[interface].geometry->configuration,
+            evaluation.interfaces[interface].geometry->configuration,
             {.D = &D, .M = &M});
   const std::int32_t rows = coupling.size(), columns = coupling.layout.size();
   std::vector<double> z(rows, 0.0);

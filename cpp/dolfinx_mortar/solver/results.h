@@ -37,6 +37,12 @@ struct Field
 std::vector<Field> results(const ContactProblem& problem,
                            std::size_t interface);
 
+/// @brief λ_h at the nodes of each slave facet of this rank in the last accepted
+/// state, see facet_multipliers of recovery.h. Collective.
+/// @throw std::runtime_error On all ranks, before the first solve.
+std::vector<double> facet_multipliers(const ContactProblem& problem,
+                                      std::size_t interface);
+
 /// @brief Forces and moments about the origin of an interface.
 struct Resultants
 {
