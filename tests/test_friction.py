@@ -78,9 +78,8 @@ def on_rigid_plate(friction=None, element="hex20"):
 
 @pytest.mark.parametrize("element", ["hex20", "tet10"])
 def test_drag_is_friction_times_pressing_force(element):
-    """All nodes lie on the plate, and normals are the plate's: where all carry multipliers."""
     case = on_rigid_plate(0.1, element)
-    s = cases.make_problem(case, multiplier="dual")
+    s = cases.make_problem(case)
     for t in case.times:
         s.step(t)
         check_cone(s.contact, 100.0)

@@ -278,20 +278,29 @@ def test_interfaces_agree_on_the_space_where_they_meet(given, kinds, element, ex
 
 
 @pytest.mark.parametrize(
-    ("element", "expected"),
-    [("hex8", "dual"), ("tet10", "dual-linear"), ("hex20", "dual"), ("hex27", "dual")],
+    ("shape", "curved"),
+    [
+        (lambda x, y: 0.0, False),
+        (lambda x, y: 0.1 * x + 0.2 * y, False),
+        (lambda x, y: 0.05 * x**2, True),
+        (lambda x, y: 0.1 * np.abs(x - 0.5), True),  # a kink between plane facets
+        (lambda x, y: np.where(x > 0.5, x - 0.5, 0), False),  # an edge of 45 degrees
+    ],
 )
-def test_default_space_of_contacts(element, expected):
-    """Also on ranks that have no slave facet."""
+@pytest.mark.parametrize("element", ["hex8", "tet10", "hex20", "hex27"])
+def test_default_space_of_contacts(element, shape, curved):
+    """Corners of tri6 where the master is curved, all nodes elsewhere."""
     parts = [
         blocks.block("upper", element, (0, 0, 1), (1, 1, 2), (1, 1, 1)),
-        blocks.block("lower", "hex8", (0, 0, 0), (1, 1, 1), (1, 1, 1)),
+        blocks.block(
+            "lower", "hex20", (0, 0, 0), (1, 1, 1), (2, 1, 1), top=lambda x, y: 1 + shape(x, y)
+        ),
     ]
     pair = blocks.tie(0, 1)
     pair.kind = "contact"
     case = blocks.assemble(parts, [pair], [cases.Dirichlet(0, lambda x: x[2] > 1.5)])
-    s = cases.make_problem(case)
-    assert s.interfaces[0].multiplier_space == expected
+    contact = cases.make_problem(case).interfaces[0]
+    assert contact.multiplier_space == ("dual-linear" if element == "tet10" and curved else "dual")
 
 
 @multipliers

@@ -318,8 +318,8 @@ class Tie(Interface):
         master: Tag of the master facets, or a list as for ``slave``.
         multiplier: ``"dual-reproducing"`` (default of ties: at the corners of tri6 and quad8,
             reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual-linear"``
-            (default of contacts on tri6: at corners, condensed), ``"dual"`` (default of
-            other contacts: at all nodes, condensed) or ``"standard"`` (needs a saddle point
+            (default of contacts of tri6 slaves on curved masters: at corners, condensed),
+            ``"dual"`` (default of other contacts: at all nodes, condensed) or ``"standard"`` (needs a saddle point
             solver). Interfaces that share slave nodes have one space: where none is given, that
             of contacts.
         integration: ``"segment"`` (exact on the overlap of facets) or ``"element"`` (points of

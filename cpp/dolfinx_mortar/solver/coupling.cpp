@@ -7,6 +7,7 @@
 #include <cmath>
 #include <dolfinx_mortar/assembly/basis.h>
 #include <dolfinx_mortar/common/error.h>
+#include <dolfinx_mortar/surface/patches.h>
 #include <iomanip>
 #include <set>
 #include <sstream>
@@ -75,18 +76,21 @@ std::vector<std::int8_t> sharing(const Coupling& c, const Uses& uses)
 
 /// Space of a tie, or of a contact, that no space was given for: what the
 /// pressures of press fits, rollers and spheres speak for (docs/multipliers.md)
-MultiplierSpace usual_space(bool is_tie, bool has_tri6)
+MultiplierSpace usual_space(bool is_tie, bool tri6_on_curved)
 {
   if (is_tie)
     return MultiplierSpace::dual_reproducing;
-  return has_tri6 ? MultiplierSpace::dual_linear : MultiplierSpace::dual;
+  return tri6_on_curved ? MultiplierSpace::dual_linear : MultiplierSpace::dual;
 }
 
-/// True where a slave facet on any rank is tri6. Collective.
-bool has_tri6(const Coupling& c, const Surface& slave)
+/// True where a slave facet on any rank is tri6, and the master is curved.
+/// Collective.
+bool is_tri6_on_curved(const Coupling& c, const CoupledInterface& i)
 {
-  return any(c.comm(),
-             std::ranges::find(slave.types, FacetType::tri6) != slave.types.end());
+  const std::vector<FacetType>& types = i.data.slave.types;
+  const bool here = std::ranges::find(types, FacetType::tri6) != types.end();
+  return any(c.comm(), here)
+         and !has_plane_patches(i.data.master, i.feature_angle);
 }
 
 /// Give each interface the space that was asked for, or the default: one for
@@ -94,27 +98,27 @@ bool has_tri6(const Coupling& c, const Surface& slave)
 void choose_spaces(Coupling& c, const Uses& uses)
 {
   const std::vector<std::int8_t> shares = sharing(c, uses);
-  std::vector<std::int8_t> tri6;
+  std::vector<std::int8_t> curved;
   std::optional<MultiplierSpace> common;
-  bool all_ties = true, any_tri6 = false;
+  bool all_ties = true, any_curved = false;
   for (std::size_t i = 0; i < shares.size(); ++i)
   {
     const CoupledInterface& own = c.interfaces[i];
-    tri6.push_back(has_tri6(c, own.data.slave));
+    curved.push_back(!own.is_tie() and is_tri6_on_curved(c, own));
     if (!shares[i])
       continue;
     if (!common)
       common = own.space;
     all_ties = all_ties and own.is_tie();
-    any_tri6 = any_tri6 or tri6[i];
+    any_curved = any_curved or curved[i];
   }
   if (!common)
-    common = usual_space(all_ties, any_tri6);
+    common = usual_space(all_ties, any_curved);
   for (std::size_t i = 0; i < shares.size(); ++i)
   {
     CoupledInterface& own = c.interfaces[i];
     const MultiplierSpace usual
-        = shares[i] ? *common : usual_space(own.is_tie(), tri6[i]);
+        = shares[i] ? *common : usual_space(own.is_tie(), curved[i]);
     own.data.options.space = own.space.value_or(usual);
     own.data.candidates
         = multiplier_nodes(own.data.slave, own.data.options.space);

@@ -23,7 +23,7 @@ struct InterfaceOptions
 
   /// Space of the multipliers; by default dual_reproducing for a tie,
   /// dual_linear for a contact with tri6 among its slave facets and
-  /// dual for other contacts. Interfaces that share slave nodes have one space:
+  /// a curved master (see has_plane_patches), dual for other contacts. Interfaces that share slave nodes have one space:
   /// the one that is given for any, else that of contacts
   std::optional<MultiplierSpace> space;
 

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "patches.h"
+#include "triangles.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
@@ -356,6 +357,38 @@ Surface dolfinx_mortar::split_at_edges(const Surface& s, double feature_angle)
     asked.values.push_back({received.values[i].number, answers[i]});
   return split_surface(s, uses, patches.count, patch, ghosts,
                        unique_by_rank(asked));
+}
+//-----------------------------------------------------------------------------
+bool dolfinx_mortar::has_plane_patches(const Surface& s, double feature_angle)
+{
+  const Surface patches = split_at_edges(s, feature_angle);
+  const double tol = 1e-3;
+  std::array<double, 3 * max_facet_nodes> n;
+  std::vector<double> sum(3 * num_local_nodes(patches), 0.0);
+  for (std::size_t f = 0; f < patches.types.size(); ++f)
+  {
+    facet_normals(patches, patches.X, f, n);
+    const std::span<const std::int32_t> nodes = facet_nodes(patches, f);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+      Eigen::Map<Vector>(sum.data() + 3 * nodes[k]) += row(n, k);
+  }
+  scatter_reverse_add(patches, std::span(sum), 3);
+  scatter_forward(patches, std::span(sum), 3);
+  int all = 1;
+  for (std::size_t f = 0; f < patches.types.size(); ++f)
+  {
+    facet_normals(patches, patches.X, f, n);
+    const std::span<const std::int32_t> nodes = facet_nodes(patches, f);
+    for (std::size_t k = 0; k < nodes.size(); ++k)
+    {
+      const Vector mean = row(sum, nodes[k]).normalized();
+      if (!((row(n, k) - row(n, 0)).norm() < tol
+            and (row(n, k) - mean).norm() < tol))
+        all = 0;
+    }
+  }
+  MPI_Allreduce(MPI_IN_PLACE, &all, 1, MPI_INT, MPI_LAND, s.comm);
+  return all;
 }
 //-----------------------------------------------------------------------------
 void dolfinx_mortar::share_largest(const Surface& s,

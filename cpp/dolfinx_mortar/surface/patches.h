@@ -32,6 +32,13 @@ namespace dolfinx_mortar
 /// @return Surface with the facets of `s`, in their order.
 Surface split_at_edges(const Surface& s, double feature_angle);
 
+/// @brief Whether all smooth patches of a surface are plane, as the sides of a
+/// box are: no facet is curved, and facets that meet at a node of a patch have
+/// the same normal, to 1e-3 rad, in the reference configuration. Collective.
+/// @param[in] s Surface.
+/// @param[in] feature_angle See split_at_edges.
+bool has_plane_patches(const Surface& s, double feature_angle);
+
 /// @brief Let the owned nodes of one block have the largest of their values.
 ///
 /// What is a property of the displacement node, as the basis transformation,
