@@ -283,9 +283,12 @@ void wrap_integrals(nb::module_& m)
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
          Derivatives derivatives, std::optional<In<std::int8_t>> nonnegative,
-         double max_angle) -> FacetIntegrals
+         double max_angle,
+         std::optional<In<double>> offset) -> FacetIntegrals
       {
         const std::size_t n = num_nodes(slave_type);
+        if (offset)
+          check_size(*offset, n, "offset");
         check_size(normals, 3 * n, "normals");
         check_size(has_multiplier, n, "has_multiplier");
         check_size(z, 3 * n, "z");
@@ -314,7 +317,8 @@ void wrap_integrals(nb::module_& m)
         return integrator.compute(
             facet_view(slave_type, slave_orientation, slave), span(normals),
             span(has_multiplier), flags_or_none(nonnegative, slave_type),
-            span(z), list, masters, derivatives);
+            span(z), list, masters, derivatives,
+            offset ? span(*offset) : std::span<const double>());
       },
       nb::arg("slave_type"), nb::arg("slave_orientation"), nb::arg("slave"),
       nb::arg("normals"), nb::arg("has_multiplier"), nb::arg("z"),
@@ -323,6 +327,7 @@ void wrap_integrals(nb::module_& m)
       nb::arg("integration"), nb::arg("degree").none(), nb::arg("derivatives"),
       nb::arg("nonnegative").none() = nb::none(),
       nb::arg("max_angle") = IntegrationOptions().max_angle,
+      nb::arg("offset").none() = nb::none(),
       "Mortar integrals of one slave facet, see FacetIntegrator.");
 }
 } // namespace

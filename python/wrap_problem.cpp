@@ -103,6 +103,13 @@ void wrap_solve(nb::class_<ContactProblem>& p)
            "Exchange the Dirichlet conditions for others on the same dofs.")
       .def("set_friction", &ContactProblem::set_friction, nb::arg("interface"),
            nb::arg("friction"), "Change the tangential behaviour of a contact.")
+      .def(
+          "set_offset",
+          [](ContactProblem& self, std::size_t i, In<double> offset)
+          { self.set_offset(i, copy(offset)); },
+          nb::arg("interface"), nb::arg("offset"),
+          "Change what is added to the gap at local slave nodes; empty for "
+          "nothing. Collective.")
       .def_prop_ro("history", &ContactProblem::history, nb::rv_policy::copy,
                    "Iterates of the last solve; a copy.")
       .def_prop_ro(

@@ -49,6 +49,7 @@ class Pairing:
         z: np.ndarray | None = None,
         derivatives: cpp.Derivatives = cpp.Derivatives.none,
         nonnegative: np.ndarray | None = None,
+        offset: np.ndarray | None = None,
     ) -> dict:
         """Mortar integrals of the slave facet by the library; columns of M as in `master.x`."""
         n = len(self.slave.x)
@@ -73,6 +74,7 @@ class Pairing:
             degree,
             derivatives,
             nonnegative,
+            offset=offset,
         )
         result = {name: getattr(r, name) for name in ("covered", "area", "dropped_area", "lost")}
         if r.covered:

@@ -109,3 +109,9 @@ def coordinate_element(mesh: Mesh) -> Any:
     """DOLFINx coordinate element of a mesh with one cell type."""
     geometry = mesh.geometry
     return geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap
+
+
+def interpolation_points(V: dolfinx.fem.FunctionSpace) -> npt.NDArray[np.floating]:
+    """Points at which an expression is evaluated to interpolate it."""
+    points = V.element.interpolation_points
+    return points() if callable(points) else points  # a method before 0.10

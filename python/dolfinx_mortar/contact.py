@@ -16,6 +16,7 @@ from dolfinx.mesh import MeshTags
 
 from . import agreement, arguments, cpp
 from .interfaces import Interface
+from .offsets import Offset
 
 _CHOICES = {
     "gap": cpp.InitialActive.gap,
@@ -34,6 +35,10 @@ class Contact(Interface):
             is read when a solve begins.
         tresca: Given bound of the tangential traction [traction] instead of μ z_n; a number or a
             ``fem.Constant``.
+        offset: Added to the gap [length]: an interference below zero, a clearance above it. A
+            number, or a scalar ``fem.Constant``, ``fem.Function`` or UFL expression on the slave's
+            mesh, interpolated at the slave nodes when a solve begins; a list of these where the
+            slave surface is on several bodies.
         c_n, c_t: Complementarity parameters [traction per length]. They change the path of the
             iteration, not its result; by default the stiffness of the slave nodes per area.
         geometry: ``"current"`` (finite deformation, everything linearised) or ``"reference"``
@@ -72,6 +77,7 @@ class Contact(Interface):
         master: int | Sequence[tuple],
         friction: float | fem.Constant | None = None,
         tresca: float | fem.Constant | None = None,
+        offset: Any = None,
         c_n: float | None = None,
         c_t: float | None = None,
         geometry: str = "current",
@@ -82,7 +88,7 @@ class Contact(Interface):
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
         with agreement.alike(self.comm) as same:
-            self.friction, self.tresca = friction, tresca
+            self.friction, self.tresca, self.offset = friction, tresca, offset
             arguments.positive("c_n", c_n, "a traction per length")
             arguments.positive("c_t", c_t, "a traction per length")
             arguments.choice("geometry", geometry, ("current", "reference"))
@@ -95,6 +101,7 @@ class Contact(Interface):
             if normal is not None and geometry != "reference":
                 raise ValueError("A given normal makes sense only with geometry='reference'.")
             same.update(self.friction_values())
+            same["offset"] = self._offset.numbers()
             same["c_n"], same["c_t"], same["geometry"] = c_n, c_t, geometry
             same["initial_active"] = "a function" if callable(initial_active) else initial_active
             same["normal"] = None if direction is None else direction.tolist()
@@ -132,6 +139,28 @@ class Contact(Interface):
     @tresca.setter
     def tresca(self, value: float | fem.Constant | None) -> None:
         self._tresca = arguments.bound("tresca", value)
+
+    @property
+    def offset(self) -> Any:
+        """What is added to the gap [length], as given. May be changed between solves."""
+        return self._offset.given
+
+    @offset.setter
+    def offset(self, value: Any) -> None:
+        self._offset = Offset(value)
+
+    def present_values(self) -> dict[str, Any]:
+        """What friction and offset are at present, to be the same on all ranks.
+
+        Raises:
+            ValueError: A value that a user has changed meanwhile cannot be.
+        """
+        return {**self.friction_values(), "offset": self._offset.numbers()}
+
+    def present_offset(self) -> npt.NDArray[np.float64]:
+        """Offset of the local slave nodes, as the C++ library takes it. Collective."""
+        spaces = [f.function_space for f in arguments.as_list(self.gap)]
+        return self._offset.values(spaces, self.slave_dofs())
 
     def friction_values(self) -> dict[str, float | None]:
         """What friction is at present, to be the same on all ranks.

@@ -157,6 +157,7 @@ class Interface:
         self.problem, self._index = problem, index
         bodies = sorted({problem.body(p.V) for p in self.slave})
         spaces = [problem.spaces[b] for b in bodies]
+        self._bodies = bodies
         self._fields = Fields(spaces, bodies, problem.coupling.layout, self.columns)
 
     def update_fields(self) -> None:
@@ -210,6 +211,17 @@ class Interface:
     def weights(self) -> npt.NDArray[np.float64]:
         """Area that belongs to each local slave node [length²]."""
         return np.array(self._cpp.step.weights[self._index])
+
+    def slave_dofs(self) -> npt.NDArray[np.int32]:
+        """Local slave nodes among the local dofs of the slave bodies, body after body."""
+        layout, blocks = self._owner().coupling.layout, np.array(self.data.slave.local_blocks)
+        dofs, at = np.empty_like(blocks), 0
+        for body in self._bodies:
+            start, size = layout.local_start(body), layout.num_local[body]
+            mine = (blocks >= start) & (blocks < start + size)
+            dofs[mine] = blocks[mine] - start + at
+            at += size
+        return dofs
 
     @property
     def num_multiplier_nodes(self) -> int:

@@ -218,7 +218,7 @@ class ContactProblem(memory.Destroyable):
             same["tolerances of snes"] = problem.snes.getTolerances()
             for k, i in enumerate(self._interfaces):
                 if isinstance(i, Contact):
-                    for name, value in i.friction_values().items():
+                    for name, value in i.present_values().items():
                         same[f"{name} of contact {k}"] = value
             functions = as_list(self.u)
             if len(functions) != len(self._functions) or any(
@@ -231,6 +231,7 @@ class ContactProblem(memory.Destroyable):
         for k, i in enumerate(self._interfaces):
             if isinstance(i, Contact):
                 problem.set_friction(k, i.present_friction())
+                problem.set_offset(k, i.present_offset())
         problem.set_conditions([bc._cpp_object for bc in self.bcs])
 
     def _loader(self, adaptive: Callable[[float], None]) -> Callable[[float], None]:

@@ -42,7 +42,7 @@ void for_each_facet(const Interface& interface, const Basis& basis,
   const Surface& s = interface.slave;
   const Candidates& candidates = configuration.candidates;
   FacetIntegrator integrator(interface.options);
-  std::vector<double> x, n, zf;
+  std::vector<double> x, n, zf, offset;
   std::vector<std::int8_t> has_multiplier, nonnegative;
   auto zero = [](auto v) { return v == 0; };
   std::string message;
@@ -63,6 +63,8 @@ void for_each_facet(const Interface& interface, const Basis& basis,
       }
       gather(nodes, std::span<const double>(configuration.x_slave), 3, x);
       gather(nodes, std::span<const double>(configuration.normals.n), 3, n);
+      if (!configuration.offset.empty())
+        gather(nodes, std::span<const double>(configuration.offset), 1, offset);
       gather(nodes, std::span<const std::int8_t>(basis.has_multiplier), 1,
              has_multiplier);
       for (std::size_t i = 0; i < nodes.size(); ++i)
@@ -76,7 +78,7 @@ void for_each_facet(const Interface& interface, const Basis& basis,
           {s.types[f], s.orientation[f], x}, n, has_multiplier, nonnegative, zf,
           candidates.master,
           std::span(candidates.facets).subspan(begin, end - begin),
-          derivatives);
+          derivatives, offset);
       use(f, nodes, r);
     }
   }

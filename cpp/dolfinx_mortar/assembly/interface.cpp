@@ -49,7 +49,8 @@ Basis dolfinx_mortar::create_basis(const Interface& interface)
 //-----------------------------------------------------------------------------
 Configuration dolfinx_mortar::configure(const Interface& interface,
                                         std::vector<double> x_slave,
-                                        std::vector<double> x_master)
+                                        std::vector<double> x_master,
+                                        std::vector<double> offset)
 {
   Normals normals = compute_normals(interface.slave, x_slave, interface.fixed);
   if (interface.normal)
@@ -61,5 +62,5 @@ Configuration dolfinx_mortar::configure(const Interface& interface,
       interface.slave, x_slave, interface.master, x_master,
       interface.options.distance, interface.options.leave_distant ? 2 : 1);
   return {std::move(x_slave), std::move(x_master), std::move(normals),
-          std::move(candidates)};
+          std::move(candidates), std::move(offset)};
 }

@@ -93,12 +93,18 @@ struct Configuration
 
   /// Facets that may meet
   Candidates candidates;
+
+  /// What is added to the gap at local slave nodes [length], shape (n); empty
+  /// for nothing
+  std::vector<double> offset;
 };
 
 /// @brief Find what meets in a configuration. Collective.
 /// @param[in] interface Interface.
 /// @param[in] x_slave,x_master Positions of local slave and master nodes,
 /// shapes (n, 3).
+/// @param[in] offset See Configuration.
 Configuration configure(const Interface& interface, std::vector<double> x_slave,
-                        std::vector<double> x_master);
+                        std::vector<double> x_master,
+                        std::vector<double> offset = {});
 } // namespace dolfinx_mortar

@@ -227,8 +227,14 @@ void FacetIntegrator::tabulate_fields(const FacetView& master, bool derivatives,
   out.field.col(0) = -(out.normal.array() * out.field.rightCols<3>().array())
                           .rowwise()
                           .sum();
+  const Eigen::Map<const Eigen::VectorXd> offset(_facet.offset.data(),
+                                                 _facet.offset.size());
   if (!derivatives)
+  {
+    if (offset.size() > 0)
+      out.field.col(0) += out.N * offset;
     return;
+  }
 
   // ∂gap/∂m = -(I - n nᵀ) r / |m| for the non-normalised normal m
   out.gap_normal = out.field.rightCols<3>();
@@ -250,5 +256,11 @@ void FacetIntegrator::tabulate_fields(const FacetView& master, bool derivatives,
     de.rightCols<3>().noalias() = -(out.dNm[a] * xm);
     de.col(0)
         = -(out.normal.array() * de.rightCols<3>().array()).rowwise().sum();
+  }
+  if (offset.size() > 0)
+  {
+    out.field.col(0) += out.N * offset;
+    for (int a = 0; a < 2; ++a)
+      out.dfield[a].col(0) += out.dN[a] * offset;
   }
 }

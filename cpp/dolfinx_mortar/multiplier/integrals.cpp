@@ -282,10 +282,11 @@ const FacetIntegrals& FacetIntegrator::compute(
     std::span<const std::int8_t> has_multiplier,
     std::span<const std::int8_t> nonnegative, std::span<const double> z,
     const FacetList& list, std::span<const std::int32_t> masters,
-    Derivatives derivatives)
+    Derivatives derivatives, std::span<const double> offset)
 {
   const bool derive = derivatives != Derivatives::none;
   start(slave, normals);
+  _facet.offset = offset;
   sample(list, masters, derive);
   number_masters(list, masters);
   if (_facet.pairs.empty())

@@ -81,7 +81,7 @@ struct FacetIntegrals
   /// Φ_j at the nodes of the facet, shape (n, n): Φ_j = Σ_k Φ_j(x_k) N_k
   RowMatrix functions;
 
-  /// Weighted gap g̃_j = -∫ Φ_j n·(x⁽¹⁾ - x⁽²⁾∘P), shape (n)
+  /// Weighted gap g̃_j = -∫ Φ_j (n·(x⁽¹⁾ - x⁽²⁾∘P) - offset), shape (n)
   Eigen::VectorXd gap;
 
   /// Weighted relative position ∫ Φ_j (x⁽¹⁾ - x⁽²⁾∘P), shape (n, 3)
@@ -125,6 +125,8 @@ public:
   /// @param[in] list Facets that `masters` refers to.
   /// @param[in] masters Candidate master facets.
   /// @param[in] derivatives Derivatives to compute.
+  /// @param[in] offset What is added to the gap, Σ N_k offset_k; shape (n), or
+  /// empty for nothing.
   /// @return Integrals, valid until the next call.
   /// @throw std::runtime_error The facet is folded, or a position is not finite
   /// or beyond 1e75.
@@ -133,7 +135,7 @@ public:
           std::span<const std::int8_t> has_multiplier,
           std::span<const std::int8_t> nonnegative, std::span<const double> z,
           const FacetList& list, std::span<const std::int32_t> masters,
-          Derivatives derivatives);
+          Derivatives derivatives, std::span<const double> offset = {});
 
 private:
   /// Shape functions and fields at the points of a pair, one row for each point
@@ -173,6 +175,7 @@ private:
     std::vector<double> x_slave, x_masters; // positions of nodes
     FacetView slave = {};
     std::span<const double> normals; // of its nodes
+    std::span<const double> offset;  // of the gap at its nodes
     bool dual = false;               // Φ biorthogonal to Ñ
     bool reproducing = false;        // Φ made of ψ, see is_reproducing
     bool nonnegative = false;        // no Ñ_k is negative on the facet

@@ -63,7 +63,8 @@ std::pair<Matrix, Matrix> evaluate_geometry(const Coupling& coupling,
         continue;
       auto [x, y] = interface_positions(c, c.is_current() ? &u_local : nullptr);
       which.push_back(i);
-      configurations.push_back(configure(c.data, std::move(x), std::move(y)));
+      configurations.push_back(configure(c.data, std::move(x), std::move(y),
+                                         step.settings.offset[i]));
     }
   }
   std::vector<const Configuration*> pointers;
@@ -166,7 +167,7 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
   auto evaluate = [&]
   {
     e.law = evaluate_law(
-        c.data, *c.contact, step.friction[i], s, e, z, c.blocks,
+        c.data, *c.contact, step.settings.friction[i], s, e, z, c.blocks,
         step.forced.empty() ? std::span<const Status>()
                             : std::span<const Status>(step.forced[i]),
         false);

@@ -11,6 +11,17 @@
 
 namespace dolfinx_mortar
 {
+/// @brief What may be changed between solves, of each interface.
+struct Settings
+{
+  /// Tangential behaviour
+  std::vector<Friction> friction;
+
+  /// What is added to the gap at local slave nodes, ghosts up to date; empty for
+  /// nothing
+  std::vector<std::vector<double>> offset;
+};
+
 /// @brief What is the same for all iterates of a solve, and follows from the
 /// state that it starts with. Copies share matrices.
 struct Step
@@ -36,8 +47,7 @@ struct Step
   /// for, of each interface
   std::vector<std::vector<std::int8_t>> barred;
 
-  /// Tangential behaviour of each interface
-  std::vector<Friction> friction;
+  Settings settings;
 
   /// B of the contacts at the last accepted step; null without friction
   Matrix B_old;
@@ -55,7 +65,8 @@ struct Step
 
   bool is_frictional(std::size_t i) const
   {
-    return friction[i].coefficient > 0 or friction[i].bound;
+    const Friction& f = settings.friction[i];
+    return f.coefficient > 0 or f.bound;
   }
 };
 
@@ -92,23 +103,23 @@ Step create_step(const Coupling& coupling, State& state);
 /// displacement. Collective.
 /// @param[in] coupling Interfaces.
 /// @param[in] before The last step.
-/// @param[in] friction Tangential behaviour of each interface.
+/// @param[in] settings What may have been changed since.
 /// @param[in] u Present displacements of the local blocks.
 /// @param[in] u_old Displacements of the local blocks at the last accepted
 /// step.
 /// @param[in,out] state Bases are set; `u` is that of the last accepted step.
 Step begin_step(const Coupling& coupling, const Step& before,
-                const std::vector<Friction>& friction,
-                const std::vector<double>& u, const std::vector<double>& u_old,
+                const Settings& settings, const std::vector<double>& u,
+                const std::vector<double>& u_old,
                 State& state);
 
 /// @brief Step of a state whose bases are decided already, and whose
 /// displacement is the present one. Collective.
-/// @param[in] coupling,before,friction,u See begin_step.
+/// @param[in] coupling,before,settings,u See begin_step.
 /// @param[in] state State.
 Step resume_step(const Coupling& coupling, const Step& before,
-                 const std::vector<Friction>& friction,
-                 const std::vector<double>& u, const State& state);
+                 const Settings& settings, const std::vector<double>& u,
+                 const State& state);
 
 /// @brief Forces and constraints of all interfaces (equations 3.3, 5.1 and the
 /// law of friction). Collective.

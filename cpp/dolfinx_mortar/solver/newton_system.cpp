@@ -30,7 +30,7 @@ std::vector<ContactResidual> evaluate_laws(const Coupling& coupling,
       continue;
     }
     laws[i] = evaluate_law(
-        c.data, *c.contact, step.friction[i], state.interfaces[i],
+        c.data, *c.contact, step.settings.friction[i], state.interfaces[i],
         e.interfaces[i], coupling.part(std::span<const double>(e.z), i, 3),
         c.blocks,
         step.forced.empty() ? std::span<const Status>()

@@ -7,6 +7,7 @@
 #include "messages.h"
 #include <algorithm>
 #include <cmath>
+#include <dolfinx_mortar/common/error.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <dolfinx_mortar/multiplier/multiplier.h>
 #include <dolfinx_mortar/surface/patches.h>
@@ -181,7 +182,8 @@ ContactProblem::ContactProblem(
 {
   for (const InterfaceOptions& i : interfaces)
   {
-    _friction.push_back(i.friction);
+    _settings.friction.push_back(i.friction);
+    _settings.offset.emplace_back();
     _initial_active.push_back(i.initial_active);
   }
   _step = create_step(_coupling, _state);
@@ -243,7 +245,7 @@ std::pair<State, Step> ContactProblem::begin() const
 {
   State state = _state;
   Step step = _step;
-  step.friction = _friction;
+  step.settings = _settings;
   if (state.u.empty())
     state.u = _bodies.displacements();
   step.u_old = state.u;
@@ -267,7 +269,7 @@ std::pair<State, Step> ContactProblem::begin() const
                      state.interfaces[i]);
     }
   }
-  step = begin_step(_coupling, step, _friction, _bodies.local_displacements(),
+  step = begin_step(_coupling, step, _settings, _bodies.local_displacements(),
                     _bodies.extend(state.u), state);
   warn_of_lost_area(step);
   return {std::move(state), std::move(step)};
@@ -359,7 +361,7 @@ void ContactProblem::resume(const State& state)
   _bodies.set_displacements(state.u);
   const std::vector<double> u = _bodies.local_displacements();
   State resumed = state;
-  Step step = begin_step(_coupling, _step, _friction, u, u, resumed);
+  Step step = begin_step(_coupling, _step, _settings, u, u, resumed);
   _evaluation = std::make_shared<Evaluation>(
       evaluate(_coupling, step, resumed, u, state.u, resumed.z));
   for (std::size_t i = 0; i < _coupling.interfaces.size(); ++i)
@@ -379,7 +381,7 @@ void ContactProblem::restore(const State& state, std::span<const double> u)
   {
     _bodies.set_displacements(state.u);
     const std::vector<double> local = _bodies.local_displacements();
-    _step = resume_step(_coupling, _step, _friction, local, state);
+    _step = resume_step(_coupling, _step, _settings, local, state);
     _evaluation = std::make_shared<Evaluation>(
         evaluate(_coupling, _step, state, local, state.u, state.z));
   }
@@ -390,5 +392,29 @@ void ContactProblem::restore(const State& state, std::span<const double> u)
 void ContactProblem::set_friction(std::size_t interface,
                                   const Friction& friction)
 {
-  _friction.at(interface) = friction;
+  _settings.friction.at(interface) = friction;
+}
+//-----------------------------------------------------------------------------
+void ContactProblem::set_offset(std::size_t interface,
+                                std::vector<double> offset)
+{
+  const CoupledInterface& c = _coupling.interfaces.at(interface);
+  const Surface& s = c.data.slave;
+  auto finite = [](double v) { return std::isfinite(v); };
+  const bool none = !any(_coupling.comm(), !offset.empty());
+  std::string message;
+  if (c.is_tie())
+    message = "A tie has no gap that an offset could be added to.";
+  else if (!none
+           and static_cast<std::int32_t>(offset.size()) != num_local_nodes(s))
+  {
+    message = "The offset needs a value for each local slave node.";
+  }
+  else if (!std::all_of(offset.begin(),
+                        offset.begin() + (none ? 0 : s.num_owned), finite))
+    message = "The offset is not finite at all slave nodes.";
+  throw_on_all(_coupling.comm(), message);
+  if (!none)
+    scatter_forward(s, std::span(offset), 1);
+  _settings.offset.at(interface) = std::move(offset);
 }

@@ -169,8 +169,17 @@ public:
   /// @brief The tangential behaviour of an interface.
   const Friction& friction(std::size_t interface) const
   {
-    return _friction.at(interface);
+    return _settings.friction.at(interface);
   }
+
+  /// @brief Change what is added to the gap of a contact, from the next solve
+  /// on: an interference below zero, a clearance above. Collective.
+  /// @param[in] interface Number of the contact.
+  /// @param[in] offset Values of the local slave nodes [length], those of ghosts
+  /// are not read; empty for nothing, on all ranks or on none.
+  /// @throw std::runtime_error On all ranks, where there are more or fewer
+  /// values than nodes, one of them is not finite, or the interface is a tie.
+  void set_offset(std::size_t interface, std::vector<double> offset);
 
   /// @brief Newton's iteration.
   Newton& newton() { return *_newton; }
@@ -186,7 +195,7 @@ private:
 
   Bodies _bodies;
   Coupling _coupling;
-  std::vector<Friction> _friction;
+  Settings _settings;
   std::vector<InitialActive> _initial_active;
   mutable std::vector<std::int8_t> _warned;
   State _state;

@@ -60,13 +60,14 @@ void update_transformation(const Coupling& coupling, const State& state,
 
 /// Geometry of an interface in a configuration, in a given basis. Collective.
 InterfaceGeometry create_geometry(const CoupledInterface& c, const Basis& basis,
-                                  const std::vector<double>* u)
+                                  const std::vector<double>* u,
+                                  const std::vector<double>& offset)
 {
   InterfaceGeometry g;
   {
     Timer timer("~mortar: search");
     auto [x, y] = interface_positions(c, u);
-    g.configuration = configure(c.data, std::move(x), std::move(y));
+    g.configuration = configure(c.data, std::move(x), std::move(y), offset);
   }
   g.nodal = integrate(c.data, basis, g.configuration);
   return g;
@@ -94,7 +95,8 @@ InterfaceGeometry choose(const Coupling& coupling, std::size_t i,
   Basis& basis = state.interfaces[i].basis;
   basis.has_multiplier = c.data.candidates;
   basis.idle.assign(c.data.candidates.size(), 0);
-  InterfaceGeometry g = create_geometry(c, basis, u);
+  InterfaceGeometry g
+      = create_geometry(c, basis, u, step.settings.offset[i]);
   NodalFlags flags = flag_nonnegative(c.data, g.nodal.beyond);
   if (any(coupling.comm(), flags != basis.nonnegative))
   {
@@ -288,11 +290,9 @@ void check_met(const Coupling& coupling, const CoupledInterface& c,
 /// Set what an iterate is compared with: matrices of the last accepted step,
 /// and those of frozen geometry. Collective.
 void remember_accepted(const Coupling& coupling,
-                       const std::vector<Friction>& friction,
                        const std::vector<double>& u_old, const State& state,
                        Step& step)
 {
-  step.friction = friction;
   step.u_old = coupling.layout.owned(u_old, 3);
   step.B_old = step.B_frozen = step.B_tilde_frozen = {};
   const std::vector<std::size_t> contacts = select(coupling, false);
@@ -310,7 +310,8 @@ void remember_accepted(const Coupling& coupling,
     Timer timer("~mortar: search");
     const CoupledInterface& c = coupling.interfaces[i];
     auto [x, y] = interface_positions(c, c.is_current() ? &u_old : nullptr);
-    configurations.push_back(configure(c.data, std::move(x), std::move(y)));
+    configurations.push_back(configure(c.data, std::move(x), std::move(y),
+                                       step.settings.offset[i]));
   }
   std::vector<const Configuration*> pointers;
   for (const Configuration& c : configurations)
@@ -340,7 +341,8 @@ Step dolfinx_mortar::create_step(const Coupling& coupling, State& state)
   step.geometry.resize(num);
   step.weights.resize(num);
   step.barred.resize(num);
-  step.friction.resize(num);
+  step.settings.friction.resize(num);
+  step.settings.offset.resize(num);
   state = {};
   state.z.assign(coupling.size(), 0.0);
   for (const CoupledInterface& c : coupling.interfaces)
@@ -372,11 +374,12 @@ Step dolfinx_mortar::create_step(const Coupling& coupling, State& state)
 }
 //-----------------------------------------------------------------------------
 Step dolfinx_mortar::begin_step(const Coupling& coupling, const Step& before,
-                                const std::vector<Friction>& friction,
+                                const Settings& settings,
                                 const std::vector<double>& u,
                                 const std::vector<double>& u_old, State& state)
 {
   Step step = before;
+  step.settings = settings;
   const std::vector<std::size_t> contacts = select(coupling, false);
   std::vector<std::size_t> all;
   std::vector<std::int8_t> changed(coupling.interfaces.size(), 0);
@@ -403,16 +406,17 @@ Step dolfinx_mortar::begin_step(const Coupling& coupling, const Step& before,
     s.slip.resize(3 * n, 0.0);
     s.status.resize(n, Status::open);
   }
-  remember_accepted(coupling, friction, u_old, state, step);
+  remember_accepted(coupling, u_old, state, step);
   return step;
 }
 //-----------------------------------------------------------------------------
 Step dolfinx_mortar::resume_step(const Coupling& coupling, const Step& before,
-                                 const std::vector<Friction>& friction,
+                                 const Settings& settings,
                                  const std::vector<double>& u,
                                  const State& state)
 {
   Step step = before;
+  step.settings = settings;
   const std::vector<std::int8_t> changed(coupling.interfaces.size(), 1);
   for (std::size_t i = 0; i < coupling.interfaces.size(); ++i)
   {
@@ -423,11 +427,12 @@ Step dolfinx_mortar::resume_step(const Coupling& coupling, const Step& before,
     if (any(coupling.comm(), !c.is_tie() and !c.blocks.empty()))
     {
       const InterfaceGeometry g
-          = create_geometry(c, basis, c.is_current() ? &u : nullptr);
+          = create_geometry(c, basis, c.is_current() ? &u : nullptr,
+                            settings.offset[i]);
       step.barred[i] = find_repeated(c, g, basis.has_multiplier);
     }
   }
   change_basis(coupling, changed, state, step);
-  remember_accepted(coupling, friction, u, state, step);
+  remember_accepted(coupling, u, state, step);
   return step;
 }

@@ -141,7 +141,7 @@ dolfinx_mortar::find_balance(const Coupling& coupling, const Step& step,
   for (std::size_t i = 0; i < coupling.interfaces.size(); ++i)
   {
     if (!coupling.interfaces[i].is_tie()
-        and (step.friction[i].bound or !step.is_frictional(i)))
+        and (step.settings.friction[i].bound or !step.is_frictional(i)))
       return std::nullopt;
   }
   const MatrixXd motions
@@ -166,7 +166,7 @@ dolfinx_mortar::find_balance(const Coupling& coupling, const Step& step,
     {
       append_edges(c, state.interfaces[i].basis,
                    evaluation.interfaces[i].geometry->configuration.normals.n,
-                   step.friction[i].coefficient, relative[i] * scaled, edges);
+                   step.settings.friction[i].coefficient, relative[i] * scaled, edges);
     }
   }
   Balance balance{scaled.transpose() * work,
