@@ -51,9 +51,7 @@ parser.add_argument("--element", choices=ELEMENTS, help="only this one")
 parser.add_argument("--material", choices=MATERIALS, help="only this one")
 parser.add_argument("--pressure", type=float, help="on the flat top, instead of 0.2 and 0.05")
 parser.add_argument("--full", action="store_true", help="the whole hemisphere, not a quarter")
-parser.add_argument(
-    "--multipliers", action="store_true", help="also compare all multiplier spaces"
-)
+parser.add_argument("--multipliers", action="store_true", help="also compare all multiplier spaces")
 parser.add_argument(
     "--convergence", action="store_true", help="also the error in the energy norm (takes long)"
 )
@@ -552,7 +550,7 @@ spaces = []
 
 
 def largest_error(pressure, tags, p):
-    """Largest error at a slave node within 0.85 of Hertz's radius, relative to the largest pressure."""
+    """Largest error at slave nodes within 0.85 of Hertz's radius, of the largest pressure."""
     W, (largest, rho) = pressure.function_space, hertz(p)
     dofs = fem.locate_dofs_topological(W, 2, tags.find(CAP))
     r = np.linalg.norm(W.tabulate_dof_coordinates()[dofs, :2], axis=1)
@@ -563,7 +561,9 @@ def largest_error(pressure, tags, p):
 
 def compare_spaces(options, element="hex20", p=0.2):
     """Errors of the pressure with all multiplier spaces, on all levels."""
-    say(f"\n{element}, errors of the pressure in %:       nodal L2, largest   recovered L2, largest")
+    say(
+        f"\n{element}, errors of the pressure in %:       nodal L2, largest   recovered L2, largest"
+    )
     for multiplier in ("dual", "dual-linear", "dual-reproducing", "standard"):
         for level in range(options.level + 1):
             domain, tags, h = levelled_mesh(element, p, level, options.full)

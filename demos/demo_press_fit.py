@@ -8,11 +8,11 @@
 
 # # A press fit: tag, offset, solve
 #
-# A steel shaft is to sit in an aluminium ring whose bore is too narrow by a hundredth of a
-# millimetre or two. The pressure between them is known in closed form (Lamé). The interference may be
-# given in three ways, which mean the same:
+# A steel shaft is to sit in an aluminium ring whose bore is too narrow by two hundredths of a
+# millimetre. The pressure between them is known in closed form (Lamé). The interference may be given
+# in three ways, which mean the same:
 #
-# * by an **offset**: both bodies are meshed with the nominal radius, and a number is added to the gap;
+# * by an **offset**: both are meshed with the nominal radius, and a number is added to the gap;
 # * by **overlap**: the shaft is meshed with its oversize, and the meshes overlap;
 # * by **temperature**: both are meshed with the nominal radius, and the shaft is warmer.
 #
@@ -209,9 +209,7 @@ def solve(way, sizes, multiplier=None):
         offset=-INTERFERENCE if way == "offset" else None,
         **({} if multiplier is None else {"multiplier": multiplier}),
     )
-    problem = dm.ContactProblem(
-        F, u, bcs=[bc for some in bcs for bc in some], interfaces=[contact]
-    )
+    problem = dm.ContactProblem(F, u, bcs=[bc for some in bcs for bc in some], interfaces=[contact])
     return u, contact, problem.solve()
 
 
@@ -234,9 +232,7 @@ def measure(way, sizes, multiplier=None):
     W = pressure.function_space
     ds = ufl.Measure("ds", W.mesh, subdomain_data=tags)(CONTACT)
     area = fem.Constant(W.mesh, default_scalar_type(1)) * ds
-    total, size = (
-        comm.allreduce(fem.assemble_scalar(fem.form(f))) for f in (pressure * ds, area)
-    )
+    total, size = (comm.allreduce(fem.assemble_scalar(fem.form(f))) for f in (pressure * ds, area))
     dofs = fem.locate_dofs_topological(W, 2, tags.find(CONTACT))
     worst = float(np.abs(pressure.x.array[dofs] / p - 1).max(initial=0.0))
     results.append(

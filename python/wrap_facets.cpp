@@ -283,8 +283,7 @@ void wrap_integrals(nb::module_& m)
          In<std::int64_t> blocks, In<double> x, MultiplierSpace space,
          Integration integration, std::optional<int> degree,
          Derivatives derivatives, std::optional<In<std::int8_t>> nonnegative,
-         double max_angle,
-         std::optional<In<double>> offset) -> FacetIntegrals
+         double max_angle, std::optional<In<double>> offset) -> FacetIntegrals
       {
         const std::size_t n = num_nodes(slave_type);
         if (offset)

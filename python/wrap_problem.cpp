@@ -106,8 +106,8 @@ void wrap_solve(nb::class_<ContactProblem>& p)
       .def(
           "set_offset",
           [](ContactProblem& self, std::size_t i, In<double> offset)
-          { self.set_offset(i, copy(offset)); },
-          nb::arg("interface"), nb::arg("offset"),
+          { self.set_offset(i, copy(offset)); }, nb::arg("interface"),
+          nb::arg("offset"),
           "Change what is added to the gap at local slave nodes; empty for "
           "nothing. Collective.")
       .def_prop_ro("history", &ContactProblem::history, nb::rv_policy::copy,
@@ -216,8 +216,7 @@ void wrap_interface_results(nb::class_<ContactProblem>& p)
            "Fields of an interface, none before the first solve of a contact. "
            "Collective.")
       .def(
-          "facet_multipliers",
-          [](const ContactProblem& self, std::size_t i)
+          "facet_multipliers", [](const ContactProblem& self, std::size_t i)
           { return as_rows(facet_multipliers(self, i), 3); },
           nb::arg("interface"),
           "The multiplier at the nodes of each slave facet. Collective.")

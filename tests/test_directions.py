@@ -22,7 +22,17 @@ ROOMS = ("common", "geometry", "surface", "multiplier", "assembly", "contact", "
 #: one that names the type of an interface's owner
 MODULES = (
     *("cpp", "errors", "arguments", "agreement", "interrupts", "memory", "compat", "elements"),
-    *("mesh", "plotting", "parts", "forms", "state_file", "fields", "interfaces", "contact"),
+    *(
+        "mesh",
+        "plotting",
+        "parts",
+        "forms",
+        "state_file",
+        "fields",
+        "interfaces",
+        "offsets",
+        "contact",
+    ),
     *("relocation", "checkpoint", "problem"),
 )
 ABOVE = {("interfaces", "problem"), ("checkpoint", "problem")}

@@ -216,6 +216,18 @@ def test_edges(state, pair, walls):
 
 
 @pytest.mark.parametrize("state", FRICTION)
+@pytest.mark.parametrize("pair", [("hex20", "tet10"), ("tet10", "hex27")], ids=str)
+def test_offset(state, pair):
+    """An offset that varies along the surface; nodes of edges have one value."""
+    p, contact = corner_problem(*pair, 1, friction=FRICTION[state], c_n=1e3, c_t=1e3)
+    x = contact.data.slave.X.reshape(-1, 3)
+    p._cpp_object.set_offset(0, 0.02 * np.sin(7 * x[:, 0] + 3 * x[:, 1]))
+    error, status, _ = check(p, *random_state(p, contact, spread=4.0))
+    assert np.sum(status != OPEN) > np.sum(nodal.has_multiplier(contact)) / 2
+    assert error < 1e-8
+
+
+@pytest.mark.parametrize("state", FRICTION)
 def test_planes_of_symmetry(state):
     """Prescribed components at slave nodes: of displacements, normals and tractions."""
     options = {"friction": FRICTION[state], "initial_active": "all", "c_n": 1e3, "c_t": 1e3}

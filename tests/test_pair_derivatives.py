@@ -115,7 +115,7 @@ def check(p, multiplier, left=0, **same):
     normals = np.array([0, 0, 1]) + 0.1 * rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     same["has_multiplier"] = has_multiplier
-    same["offset"] = 0.1 * rng.normal(size=n)
+    same["offset"] = 0.1 * np.random.default_rng(3).normal(size=n)
     r = p.integrate(
         multiplier, normals=normals, z=z, derivatives=cpp.Derivatives.gap_and_slip, **same
     )

@@ -331,9 +331,9 @@ class Tie(Interface):
         multiplier: ``"dual-reproducing"`` (default of ties: at the corners of tri6 and quad8,
             reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual-linear"``
             (default of contacts of tri6 slaves on curved masters: at corners, condensed),
-            ``"dual"`` (default of other contacts: at all nodes, condensed) or ``"standard"`` (needs a saddle point
-            solver). Interfaces that share slave nodes have one space: where none is given, that
-            of contacts.
+            ``"dual"`` (default of other contacts: at all nodes, condensed) or ``"standard"``
+            (needs a saddle point solver). Interfaces that share slave nodes have one space: where
+            none is given, that of contacts.
         integration: ``"segment"`` (exact on the overlap of facets) or ``"element"`` (points of
             the slave facets projected on masters: cheaper, not exact).
         quadrature_degree: Degree on each triangle of a segment, or on each slave facet.

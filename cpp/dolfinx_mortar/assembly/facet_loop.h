@@ -77,8 +77,8 @@ void for_each_facet(const Interface& interface, const Basis& basis,
       const FacetIntegrals& r = integrator.compute(
           {s.types[f], s.orientation[f], x}, n, has_multiplier, nonnegative, zf,
           candidates.master,
-          std::span(candidates.facets).subspan(begin, end - begin),
-          derivatives, offset);
+          std::span(candidates.facets).subspan(begin, end - begin), derivatives,
+          offset);
       use(f, nodes, r);
     }
   }

@@ -260,12 +260,12 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
   }
 
   // Then for those that have a multiplier
-  RowMatrix functions = (_facet.reproducing
-                             ? transformation(MultiplierSpace::dual_linear,
-                                              _facet.slave.type)
-                             : _facet.T)
-                            .leftCols(nl)
-                            .transpose();
+  RowMatrix functions
+      = (_facet.reproducing
+             ? transformation(MultiplierSpace::dual_linear, _facet.slave.type)
+             : _facet.T)
+            .leftCols(nl)
+            .transpose();
   _facet.apply_coefficients(functions);
   r.functions.noalias() = X.transpose() * functions;
   r.D_tilde.noalias() = X.transpose() * D;

@@ -17,8 +17,8 @@ struct Settings
   /// Tangential behaviour
   std::vector<Friction> friction;
 
-  /// What is added to the gap at local slave nodes, ghosts up to date; empty for
-  /// nothing
+  /// What is added to the gap at local slave nodes, ghosts up to date; empty
+  /// for nothing
   std::vector<std::vector<double>> offset;
 };
 
@@ -110,8 +110,7 @@ Step create_step(const Coupling& coupling, State& state);
 /// @param[in,out] state Bases are set; `u` is that of the last accepted step.
 Step begin_step(const Coupling& coupling, const Step& before,
                 const Settings& settings, const std::vector<double>& u,
-                const std::vector<double>& u_old,
-                State& state);
+                const std::vector<double>& u_old, State& state);
 
 /// @brief Step of a state whose bases are decided already, and whose
 /// displacement is the present one. Collective.

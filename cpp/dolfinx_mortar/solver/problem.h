@@ -23,8 +23,9 @@ struct InterfaceOptions
 
   /// Space of the multipliers; by default dual_reproducing for a tie,
   /// dual_linear for a contact with tri6 among its slave facets and
-  /// a curved master (see has_plane_patches), dual for other contacts. Interfaces that share slave nodes have one space:
-  /// the one that is given for any, else that of contacts
+  /// a curved master (see has_plane_patches), dual for other contacts.
+  /// Interfaces that share slave nodes have one space: the one that is given
+  /// for any, else that of contacts
   std::optional<MultiplierSpace> space;
 
   /// Integration, degree, search distance, largest angle; its `space` is not
@@ -175,8 +176,8 @@ public:
   /// @brief Change what is added to the gap of a contact, from the next solve
   /// on: an interference below zero, a clearance above. Collective.
   /// @param[in] interface Number of the contact.
-  /// @param[in] offset Values of the local slave nodes [length], those of ghosts
-  /// are not read; empty for nothing, on all ranks or on none.
+  /// @param[in] offset Values of the local slave nodes [length], those of
+  /// ghosts are not read; empty for nothing, on all ranks or on none.
   /// @throw std::runtime_error On all ranks, where there are more or fewer
   /// values than nodes, one of them is not finite, or the interface is a tie.
   void set_offset(std::size_t interface, std::vector<double> offset);

@@ -37,8 +37,8 @@ struct Field
 std::vector<Field> results(const ContactProblem& problem,
                            std::size_t interface);
 
-/// @brief λ_h at the nodes of each slave facet of this rank in the last accepted
-/// state, see facet_multipliers of recovery.h. Collective.
+/// @brief λ_h at the nodes of each slave facet of this rank in the last
+/// accepted state, see facet_multipliers of recovery.h. Collective.
 /// @throw std::runtime_error On all ranks, before the first solve.
 std::vector<double> facet_multipliers(const ContactProblem& problem,
                                       std::size_t interface);

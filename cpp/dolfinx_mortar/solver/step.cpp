@@ -95,8 +95,7 @@ InterfaceGeometry choose(const Coupling& coupling, std::size_t i,
   Basis& basis = state.interfaces[i].basis;
   basis.has_multiplier = c.data.candidates;
   basis.idle.assign(c.data.candidates.size(), 0);
-  InterfaceGeometry g
-      = create_geometry(c, basis, u, step.settings.offset[i]);
+  InterfaceGeometry g = create_geometry(c, basis, u, step.settings.offset[i]);
   NodalFlags flags = flag_nonnegative(c.data, g.nodal.beyond);
   if (any(coupling.comm(), flags != basis.nonnegative))
   {
@@ -310,8 +309,8 @@ void remember_accepted(const Coupling& coupling,
     Timer timer("~mortar: search");
     const CoupledInterface& c = coupling.interfaces[i];
     auto [x, y] = interface_positions(c, c.is_current() ? &u_old : nullptr);
-    configurations.push_back(configure(c.data, std::move(x), std::move(y),
-                                       step.settings.offset[i]));
+    configurations.push_back(
+        configure(c.data, std::move(x), std::move(y), step.settings.offset[i]));
   }
   std::vector<const Configuration*> pointers;
   for (const Configuration& c : configurations)
@@ -426,9 +425,8 @@ Step dolfinx_mortar::resume_step(const Coupling& coupling, const Step& before,
     step.barred[i].assign(c.is_tie() ? 0 : c.num_owned(), 0);
     if (any(coupling.comm(), !c.is_tie() and !c.blocks.empty()))
     {
-      const InterfaceGeometry g
-          = create_geometry(c, basis, c.is_current() ? &u : nullptr,
-                            settings.offset[i]);
+      const InterfaceGeometry g = create_geometry(
+          c, basis, c.is_current() ? &u : nullptr, settings.offset[i]);
       step.barred[i] = find_repeated(c, g, basis.has_multiplier);
     }
   }

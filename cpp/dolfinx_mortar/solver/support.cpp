@@ -166,7 +166,8 @@ dolfinx_mortar::find_balance(const Coupling& coupling, const Step& step,
     {
       append_edges(c, state.interfaces[i].basis,
                    evaluation.interfaces[i].geometry->configuration.normals.n,
-                   step.settings.friction[i].coefficient, relative[i] * scaled, edges);
+                   step.settings.friction[i].coefficient, relative[i] * scaled,
+                   edges);
     }
   }
   Balance balance{scaled.transpose() * work,
