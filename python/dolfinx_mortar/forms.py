@@ -9,7 +9,7 @@ from typing import Any
 
 import ufl
 from dolfinx import fem
-from ufl.algorithms import expand_derivatives
+from ufl.algorithms import extract_coefficients
 
 #: Of forms with 0, 1 and 2 arguments
 _KINDS = ("a number, as an energy is", "linear", "bilinear")
@@ -106,8 +106,8 @@ def _check_form(name: str, body: int, form: Any, u: fem.Function) -> str:
 def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list[ufl.Form]:
     """Derivatives of residuals by the displacements.
 
-    They are worked out, so that dead loads are no part of them and residuals that differ in these
-    alone have the same derivative, which is compiled once.
+    Dead loads are left out before, so that residuals that differ in these alone have the same
+    derivative, which is compiled once.
     """
     if any(isinstance(f, fem.Form) for f in forms):
         raise ValueError(
@@ -115,6 +115,17 @@ def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list
             "give J as well."
         )
     return [
-        expand_derivatives(ufl.derivative(f, u, ufl.TrialFunction(u.function_space)))
+        ufl.derivative(_dependent(f, u), u, ufl.TrialFunction(u.function_space))
         for f, u in zip(forms, functions)
     ]
+
+
+def _dependent(form: ufl.Form, u: fem.Function) -> ufl.Form:
+    """Those integrals of a form in which a function stands."""
+    return ufl.Form(
+        [
+            integral
+            for integral in form.integrals()
+            if any(c is u for c in extract_coefficients(integral.integrand()))
+        ]
+    )
