@@ -33,7 +33,7 @@ from programs import SLEEPING
 
 # A form may be in the hands of another run: give it longer than ten seconds.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (100, "Seconds")
-# Meshes are small: more optimisation takes longer than what it saves.
+# Meshes are small: more optimisation takes longer than it saves.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["cffi_extra_compile_args"] = (["-O1", "-g0"], "Flags")
 # The file that takes the reports of rank 0, in a run that a session has started.
 REPORTS = os.environ.get("MORTAR_TEST_REPORTS")
@@ -65,7 +65,7 @@ def pytest_runtest_protocol(item, nextitem):
     result = yield
     # Objects of PETSc and DOLFINx must be destroyed by all ranks together.
     gc.collect()
-    gc.freeze()  # what is left need not be looked at again, for ten milliseconds after each test
+    gc.freeze()  # to look at all that is left again would take 13 ms after each test
     PETSc.garbage_cleanup()
     comm.Barrier()
     return result
