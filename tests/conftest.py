@@ -1,8 +1,9 @@
 """`pytest` runs the tests on one rank, then on two and on three.
 
 The session that the user starts runs all tests itself. Then it starts pytest
-under `mpirun` for each further number in the option --ranks, and takes in the
-reports of rank 0 as they come, so that they count like its own. In such a run
+under `mpirun` for all further numbers in the option --ranks side by side, and
+takes in the reports of each rank 0, one number after the other, so that they
+count like its own. In such a run
 
 * a test that fails on one rank fails on all, with the messages of all ranks, and
   the ranks go on with the next test together;
@@ -10,6 +11,7 @@ reports of rank 0 as they come, so that they count like its own. In such a run
   after a while instead of never.
 """
 
+import contextlib
 import faulthandler
 import gc
 import json
@@ -27,13 +29,16 @@ from petsc4py import PETSc
 
 import dolfinx.jit
 import pytest
+from programs import SLEEPING
 
 # A form may be in the hands of another run: give it longer than ten seconds.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (100, "Seconds")
+# Meshes are small: more optimisation takes longer than it saves.
+dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["cffi_extra_compile_args"] = (["-O1", "-g0"], "Flags")
 # The file that takes the reports of rank 0, in a run that a session has started.
 REPORTS = os.environ.get("MORTAR_TEST_REPORTS")
 # MPI adds to the environment of its processes what mpirun must not see.
-ENVIRONMENT = dict(os.environ)
+ENVIRONMENT = SLEEPING | os.environ
 
 comm = MPI.COMM_WORLD.Dup()  # no test's message can be taken for one of ours
 
@@ -52,7 +57,7 @@ def pytest_configure(config):
 
 
 def pytest_collection_finish(session):
-    gc.freeze()  # what is there already need not be looked at after each test
+    gc.freeze()
 
 
 @pytest.hookimpl(wrapper=True)
@@ -60,6 +65,7 @@ def pytest_runtest_protocol(item, nextitem):
     result = yield
     # Objects of PETSc and DOLFINx must be destroyed by all ranks together.
     gc.collect()
+    gc.freeze()  # to look at all that is left again would take 13 ms after each test
     PETSc.garbage_cleanup()
     comm.Barrier()
     return result
@@ -160,14 +166,21 @@ class Conductor:
         result = yield
         options = self.config.option
         if session.items and not options.collectonly and not options.usepdb:
-            for number in self.numbers:
-                self.run_on(number, session)
+            handler = signal.signal(signal.SIGTERM, lambda *_: pytest.exit("terminated", 143))
+            with contextlib.ExitStack() as runs:
+                runs.callback(signal.signal, signal.SIGTERM, handler)
+                # While ranks of one wait for each other, those of another have the cores
+                started = [runs.enter_context(self.run_on(number)) for number in self.numbers]
+                for number, run in zip(self.numbers, started, strict=True):
+                    terminal = self.config.pluginmanager.getplugin("terminalreporter")
+                    terminal.ensure_newline()
+                    terminal.write_sep("-", f"on {number} ranks")
+                    self.follow(*run, number, session)
         return result
 
-    def run_on(self, number, session):
-        terminal = self.config.pluginmanager.getplugin("terminalreporter")
-        terminal.ensure_newline()
-        terminal.write_sep("-", f"on {number} ranks")
+    @contextlib.contextmanager
+    def run_on(self, number):
+        """A run, which ends with the context: process, file of reports and of other output."""
         mpirun = shutil.which("mpirun") or shutil.which("mpiexec") or "mpirun"
         command = [mpirun, "-n", str(number), sys.executable, "-m", "mpi4py", "-m", "pytest"]
         command += [*self.config.invocation_params.args, "--capture=sys", "--color=no"]
@@ -184,11 +197,9 @@ class Conductor:
                     stderr=subprocess.STDOUT,
                     start_new_session=True,
                 )
-            handler = signal.signal(signal.SIGTERM, lambda *_: pytest.exit("terminated", 143))
             try:
-                self.follow(process, reports, output, number, session)
+                yield process, reports, output
             finally:
-                signal.signal(signal.SIGTERM, handler)
                 end(process)
 
     def follow(self, process, reports, output, number, session):

@@ -8,16 +8,21 @@ from pathlib import Path
 
 import dolfinx_mortar as dm
 
+# Open MPI's ranks wait in busy loops. Ranks that share cores, with each other and with other work,
+# keep those cores from the rank that they wait for, unless they sleep.
+SLEEPING = {
+    "OMPI_MCA_mpi_yield_when_idle": "1",
+    "OMPI_MCA_threads_pthreads_yield_strategy": "nanosleep",
+}
 BUILD = Path(dm.cpp.__file__).parents[2]  # where <build>/python/dolfinx_mortar/cpp*.so is
 
 
 def run(*command, cwd=None, timeout=300):
     """Run a command, which must succeed; returns what it writes."""
     # MPI adds to the environment of this process what mpirun must not see; os.environ lacks it.
-    # Ranks that wait for others leave the processor to them.
     done = subprocess.run(
         [str(c) for c in command],
-        env=dict(os.environ, OMPI_MCA_mpi_yield_when_idle="1"),
+        env=SLEEPING | os.environ,
         cwd=cwd,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx_mortar import forms
 from test_bad_input import LOWER, UPPER, fails, two_cubes
 
 comm = MPI.COMM_WORLD
@@ -109,6 +110,20 @@ def blocks_norm(u):
     """Norm of a function that does not depend on the numbering of its mesh."""
     owned = u.x.array[: 3 * u.function_space.dofmap.index_map.size_local]
     return np.sqrt(comm.allreduce(float(owned @ owned)))
+
+
+def test_derivative_without_dead_loads(bodies):
+    """Residuals that differ in these alone share the compiled derivative; springs are in it."""
+    F, u = bodies.F[0], bodies.u[0]
+    load = fem.Constant(u.function_space.mesh, np.ones(3))
+    signatures = []
+    for traction in (None, load, -load[0] * u):
+        f = F
+        if traction is not None:
+            f -= ufl.inner(traction, ufl.TestFunction(u.function_space)) * ufl.ds
+        signatures.append(forms.derivatives([f], [u])[0].signature())
+    without, with_load, with_springs = signatures
+    assert with_load == without != with_springs
 
 
 def test_conditions_and_interfaces_of_another_kind(bodies):

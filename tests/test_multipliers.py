@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: MIT
 """Multiplier functions: basis transformation, biorthogonality, partition of unity, row sums."""
 
+import functools
+
 import numpy as np
 import oracle
 import pytest
@@ -44,6 +46,7 @@ def nodes(pairing, multiplier):
     return oracle.multiplier_nodes(pairing[0], multiplier)
 
 
+@functools.cache
 def examples(pairing, number, covered, kinds=("segment", "element"), degrees=(None,)):
     """Random facets that masters cover entirely, or in part, with all of the integrations."""
     found = []

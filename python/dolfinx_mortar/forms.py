@@ -9,6 +9,7 @@ from typing import Any
 
 import ufl
 from dolfinx import fem
+from ufl.algorithms import extract_coefficients
 
 #: Of forms with 0, 1 and 2 arguments
 _KINDS = ("a number, as an energy is", "linear", "bilinear")
@@ -103,12 +104,28 @@ def _check_form(name: str, body: int, form: Any, u: fem.Function) -> str:
 
 
 def derivatives(forms: Sequence[Any], functions: Sequence[fem.Function]) -> list[ufl.Form]:
-    """Derivatives of residuals by the displacements."""
+    """Derivatives of residuals by the displacements.
+
+    Dead loads are left out before, so that residuals that differ in these alone have the same
+    derivative, which is compiled once.
+    """
     if any(isinstance(f, fem.Form) for f in forms):
         raise ValueError(
             "F is compiled, so that it cannot be differentiated any more: give the UFL form, or "
             "give J as well."
         )
     return [
-        ufl.derivative(f, u, ufl.TrialFunction(u.function_space)) for f, u in zip(forms, functions)
+        ufl.derivative(_dependent(f, u), u, ufl.TrialFunction(u.function_space))
+        for f, u in zip(forms, functions)
     ]
+
+
+def _dependent(form: ufl.Form, u: fem.Function) -> ufl.Form:
+    """Those integrals of a form in which a function stands."""
+    return ufl.Form(
+        [
+            integral
+            for integral in form.integrals()
+            if any(c is u for c in extract_coefficients(integral.integrand()))
+        ]
+    )
