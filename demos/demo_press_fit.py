@@ -9,8 +9,8 @@
 # # A press fit: tag, offset, solve
 #
 # A steel shaft is to sit in an aluminium ring whose bore is too narrow by two hundredths of a
-# millimetre. The pressure between them is known in closed form (Lamé). The interference may be given
-# in three ways, which mean the same:
+# millimetre. The pressure between them is known in closed form (Lamé). The interference may be
+# given in three ways, which mean the same:
 #
 # * by an **offset**: both are meshed with the nominal radius, and a number is added to the gap;
 # * by **overlap**: the shaft is meshed with its oversize, and the meshes overlap;
