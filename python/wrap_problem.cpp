@@ -14,6 +14,7 @@
 #include <dolfinx_mortar/solver/problem.h>
 #include <dolfinx_mortar/solver/relocation.h>
 #include <dolfinx_mortar/solver/results.h>
+#include <dolfinx_mortar/solver/summary.h>
 #include <dolfinx_mortar/solver/support.h>
 #include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
@@ -206,6 +207,39 @@ void wrap_states(nb::class_<ContactProblem>& p)
           nb::arg("damped") = true, "The Newton system there. Collective.");
 }
 
+void wrap_summary(nb::module_& m, nb::class_<ContactProblem>& p)
+{
+  nb::class_<Summary>(m, "Summary", "A contact in numbers.")
+      .def_ro("force", &Summary::force, "Resultant on the slave.")
+      .def_ro("centre", &Summary::centre, "Where the pressure acts.")
+      .def_ro("area", &Summary::area, "Area of the nodes in contact.")
+      .def_ro("mean_pressure", &Summary::mean_pressure, "Mean there.")
+      .def_ro("largest_pressure", &Summary::largest_pressure,
+              "Largest nodal pressure.")
+      .def_ro("penetration", &Summary::penetration,
+              "Deepest overlap at integration points.")
+      .def_ro("open", &Summary::open, "Nodes that are open.")
+      .def_ro("stick", &Summary::stick, "Nodes that stick.")
+      .def_ro("slip", &Summary::slip, "Other nodes in contact.")
+      .def_ro("dissipation", &Summary::dissipation,
+              "Energy that friction took in the last step.");
+  p.def("summarise", &summarise, nb::arg("interface"),
+        "Sum up a contact. Collective.")
+      .def(
+          "nodal_forces", [](const ContactProblem& self, std::size_t i)
+          { return as_rows(nodal_forces(self, i), 3); }, nb::arg("interface"),
+          "Forces of an interface at the owned nodes of all bodies. Collective.")
+      .def(
+          "reactions", [](const ContactProblem& self)
+          { return as_rows(reactions(self), 3); },
+          "Forces of Dirichlet conditions at the owned nodes of all bodies. "
+          "Collective.")
+      .def(
+          "space_of", [](const ContactProblem& self, const DirichletBC& bc)
+          { return space_of(self.bodies().spaces(), bc); }, nb::arg("bc"),
+          "Number of the body that a Dirichlet condition is on.");
+}
+
 void wrap_interface_results(nb::class_<ContactProblem>& p)
 {
   p.def("resultants", &resultants, nb::arg("interface"),
@@ -321,6 +355,7 @@ void wrap_problem(nb::module_& m)
   wrap_solve(p);
   wrap_states(p);
   wrap_interface_results(p);
+  wrap_summary(m, p);
   wrap_relocation(m);
   m.def(
       "effective_options", [](const std::string& prefix, const Options& options)

@@ -33,7 +33,7 @@ MODULES = (
         "offsets",
         "contact",
     ),
-    *("relocation", "checkpoint", "problem"),
+    *("relocation", "checkpoint", "progress", "problem"),
 )
 ABOVE = {("interfaces", "problem"), ("checkpoint", "problem")}
 #: Subpackages, which nothing else imports: they are for users who want them

@@ -25,6 +25,13 @@ _CHOICES = {
 }
 
 
+#: Of a summary
+_NUMBERS = (
+    *("area", "mean_pressure", "largest_pressure", "penetration"),
+    *("open", "stick", "slip", "dissipation"),
+)
+
+
 class Contact(Interface):
     r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
 
@@ -257,6 +264,23 @@ class Contact(Interface):
         """Number of slave nodes in contact, on all ranks. Collective."""
         self.evaluation  # noqa: B018
         return self._owner().comm.allreduce(int(np.sum(self.state.status != cpp.Status.open)))
+
+    def summary(self) -> dict[str, Any]:
+        """The contact in numbers, in the last accepted state. Collective.
+
+        Returns:
+            ``force`` on the slave (3,), ``centre`` of the pressure (3,), ``area`` of the nodes in
+            contact, ``mean_pressure`` there, ``largest_pressure`` of a node, ``penetration`` (the
+            deepest overlap at integration points; conditions hold as averages around nodes),
+            numbers of ``open``, ``stick`` and ``slip`` nodes (without friction all in contact
+            are in ``slip``), ``dissipation`` of the last step.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        s = self._cpp.summarise(self._index)
+        vectors = {name: np.array(getattr(s, name)) for name in ("force", "centre")}
+        return vectors | {name: getattr(s, name) for name in _NUMBERS}
 
     def _resultants(self) -> cpp.Resultants:
         self.evaluation  # noqa: B018

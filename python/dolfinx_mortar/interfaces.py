@@ -272,6 +272,18 @@ class Interface:
         """
         return self._cpp.facet_multipliers(self._index)
 
+    def nodal_forces(self) -> fem.Function | list[fem.Function]:
+        """Forces of the interface at the nodes of all bodies, as the displacement. Collective.
+
+        -Dᵀz on the slave and Mᵀz on the master, in balance: what external forces at these nodes
+        would do. New functions, which later solves do not change.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        owner = self._owner()
+        return owner.as_functions(self._cpp.nodal_forces(self._index), "contact_force")
+
     # -- Matrices: each access makes a new one, which is the caller's ---------
 
     def _maker(self) -> cpp.ContactProblem:

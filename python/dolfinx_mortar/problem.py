@@ -7,13 +7,15 @@ from __future__ import annotations
 import os
 import warnings
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 
@@ -22,6 +24,7 @@ from .arguments import as_list
 from .contact import Contact
 from .errors import ConvergenceError
 from .interfaces import Interface
+from .progress import progress_clock, report
 
 
 class ContactProblem(memory.Destroyable):
@@ -203,6 +206,77 @@ class ContactProblem(memory.Destroyable):
         # Meshes may go before the next solve, and their communicators with them
         memory.free_forgotten(self.comm, [V.mesh.comm for V in self.spaces])
         return total
+
+    def steps(
+        self, n: int, load: Callable[[float], None], max_cuts: int = 6, progress: bool = True
+    ) -> Iterator[float]:
+        """Solve n load steps; each is cut in halves where it does not converge. Collective.
+
+        ::
+
+            for t in problem.steps(20, load):
+                file.write(t)
+
+        Args:
+            n: Number of steps.
+            load: Function that sets loads and boundary values for t in (0, 1].
+            max_cuts: How often a step may be halved.
+            progress: Print a line for each step, with the time left, on rank 0.
+
+        Yields:
+            t at the end of each step: k / n.
+
+        Raises:
+            ConvergenceError: See :meth:`solve`; steps before are as they were yielded.
+        """
+        arguments.whole("n", n, 1)
+        clock = progress_clock(n)
+        for k in range(1, n + 1):
+            parts: list[float] = []
+
+            def part(fraction: float, begin: float = (k - 1) / n) -> None:
+                parts.append(fraction)
+                load(begin + fraction / n)
+
+            iterations = self.solve(adaptive=part, max_cuts=max_cuts)
+            if progress and self.comm.rank == 0:
+                print(clock(k, iterations, len(parts), self.history[-1]), flush=True)
+            yield k / n
+
+    def reaction(self, bc: fem.DirichletBC) -> npt.NDArray[np.float64]:
+        """Resultant of the forces with which a Dirichlet condition holds a body, (3,). Collective.
+
+        Args:
+            bc: Condition on a displacement space, or on a component of it, of this problem.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        forces, layout = self._cpp_object.reactions(), self.coupling.layout
+        body = self._cpp_object.space_of(bc._cpp_object)
+        start = sum(layout.num_owned[:body])
+        own = forces[start : start + layout.num_owned[body]]
+        dofs, size = bc._cpp_object.dof_indices()
+        dofs = dofs[:size]
+        sums = [own.ravel()[dofs[dofs % 3 == c]].sum() for c in range(3)]
+        return np.array(self.comm.allreduce(np.array(sums)))
+
+    def report(self) -> str:
+        """A table of all contacts, see :meth:`Contact.summary`. Collective."""
+        return report(
+            [(k, i.summary()) for k, i in enumerate(self._interfaces) if isinstance(i, Contact)]
+        )
+
+    def as_functions(self, values: npt.NDArray, name: str) -> fem.Function | list[fem.Function]:
+        """Values of the owned nodes of all bodies, shape (n, 3), as the displacement. Collective."""
+        functions, start = [], 0
+        for V, size in zip(self.spaces, self.coupling.layout.num_owned, strict=True):
+            f = fem.Function(V, name=name)
+            f.x.array.reshape(-1, 3)[:size] = values[start : start + size]
+            f.x.scatter_forward()
+            functions.append(f)
+            start += size
+        return functions if isinstance(self.u, list | tuple) else functions[0]
 
     def _prepare(self) -> None:
         """Take over what a user may have changed since the last solve. Collective.

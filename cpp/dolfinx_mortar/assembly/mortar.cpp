@@ -95,6 +95,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
   std::vector<double> sums(num_sums * num, 0.0);
   NodalIntegrals out;
   out.facet_area.resize(s.types.size(), 0.0);
+  out.nearest.resize(s.types.size(), 0.0);
   out.lost.resize(s.types.size(), 0.0);
   out.beyond.resize(s.types.size(), 0.0);
   std::vector<std::int64_t> rows, columns;
@@ -111,6 +112,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
       return;
     out.area += r.area;
     out.facet_area[f] = r.area;
+    out.nearest[f] = r.nearest;
     ++out.num_covered;
     out.num_pairs += configuration.candidates.offsets[f + 1]
                      - configuration.candidates.offsets[f];

@@ -344,6 +344,7 @@ const FacetIntegrals& FacetIntegrator::compute(
     return _result;
   }
   _result.covered = true;
+  _result.nearest = nearest;
   if (derive)
     differentiate(z, derivatives);
   return _result;

@@ -53,6 +53,9 @@ struct FacetIntegrals
   /// lies beyond the edge of these
   double beyond = 0;
 
+  /// Smallest gap at the points of the covered part
+  double nearest = 0;
+
   /// Integral of the gap over the covered part: the volume between the surfaces
   double volume = 0;
 

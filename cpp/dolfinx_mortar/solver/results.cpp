@@ -121,17 +121,6 @@ Field combine(std::string name, const Surface& s,
   return field;
 }
 
-const Evaluation& last_evaluation(const ContactProblem& problem)
-{
-  const Evaluation* evaluation = problem.evaluation();
-  if (!evaluation)
-  {
-    throw std::runtime_error(
-        "There is no solution yet: call solve() of the ContactProblem first.");
-  }
-  return *evaluation;
-}
-
 std::vector<double> extend(const Surface& s, std::span<const double> owned,
                            int columns)
 {
@@ -142,6 +131,18 @@ std::vector<double> extend(const Surface& s, std::span<const double> owned,
 }
 } // namespace
 
+//-----------------------------------------------------------------------------
+const Evaluation&
+dolfinx_mortar::last_evaluation(const ContactProblem& problem)
+{
+  const Evaluation* evaluation = problem.evaluation();
+  if (!evaluation)
+  {
+    throw std::runtime_error(
+        "There is no solution yet: call solve() of the ContactProblem first.");
+  }
+  return *evaluation;
+}
 //-----------------------------------------------------------------------------
 std::vector<Field> dolfinx_mortar::results(const ContactProblem& problem,
                                            std::size_t interface)

@@ -7,6 +7,10 @@
 
 namespace dolfinx_mortar
 {
+/// @brief What follows from the last accepted state.
+/// @throw std::runtime_error On all ranks, before the first solve.
+const Evaluation& last_evaluation(const ContactProblem& problem);
+
 /// @brief Nodal values of a result on the slave surface of an interface.
 struct Field
 {
