@@ -276,7 +276,10 @@ def run(options):
 
 # ## Show
 #
-# The pressure on the shaft, and the radial displacement of both bodies.
+# The pressure on the shaft, and the radial displacement of both bodies. What is left of the pressure's
+# error is shape: quadratic arcs of the coarser ring leave the circle by some ten-thousandths of a
+# millimetre, and short waves of this size cost pressure whatever the interference is. It falls with
+# the third power of the mesh size.
 
 
 # +
@@ -292,9 +295,10 @@ def show(out, u, contact):
         out / "pressure.png",
         [pressed],
         "p",
-        label="contact pressure [MPa]",
+        label="p [MPa]",
         clim=(0.9 * p, 1.1 * p),
         view=(1, 1, 0.35),
+        zoom=0.85,
         title=f"Pressure on the shaft, exact {p:.2f}",
     )
     parts = []
@@ -309,9 +313,10 @@ def show(out, u, contact):
         out / "radial.png",
         parts,
         "radial",
-        label="radial displacement [mm]",
+        label="u_r [mm]",
         view=(0.5, 0.7, 1.2),
-        title="Deformed (100 times)",
+        zoom=0.75,
+        title="Deformed, 100 times: the offset of 0.02 lies between the bodies",
     )
 
 
