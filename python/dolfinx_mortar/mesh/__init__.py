@@ -1,14 +1,18 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Meshes of 20-node hexahedra, which DOLFINx's own readers refuse, and Abaqus input files."""
+"""Meshes of 20-node hexahedra, which DOLFINx's own readers refuse, Abaqus input files, and pairs of
+facing surfaces."""
 
 from .abaqus import AbaqusMesh, read_abaqus
 from .gmsh import model_to_hex20
 from .hexahedra import create_hex20_mesh, hex20_permutation
+from .pairs import Pair, find_pairs
 
 __all__ = [
     "AbaqusMesh",
+    "Pair",
     "create_hex20_mesh",
+    "find_pairs",
     "hex20_permutation",
     "model_to_hex20",
     "read_abaqus",
