@@ -229,18 +229,14 @@ class ContactProblem(memory.Destroyable):
         Raises:
             ConvergenceError: See :meth:`solve`; steps before are as they were yielded.
         """
-        arguments.whole("n", n, 1)
+        with agreement.alike(self.comm) as same:
+            same["n"] = arguments.whole("n", n, 1)
         clock = progress_clock(n)
         for k in range(1, n + 1):
-            parts: list[float] = []
-
-            def part(fraction: float, begin: float = (k - 1) / n) -> None:
-                parts.append(fraction)
-                load(begin + fraction / n)
-
+            part = _Part(load, (k - 1) / n, 1 / n)
             iterations = self.solve(adaptive=part, max_cuts=max_cuts)
             if progress and self.comm.rank == 0:
-                print(clock(k, iterations, len(parts), self.history[-1]), flush=True)
+                print(clock(k, iterations, part.tried, self.history[-1]), flush=True)
             yield k / n
 
     def reaction(self, bc: fem.DirichletBC) -> npt.NDArray[np.float64]:
@@ -268,7 +264,7 @@ class ContactProblem(memory.Destroyable):
         )
 
     def as_functions(self, values: npt.NDArray, name: str) -> fem.Function | list[fem.Function]:
-        """Values of the owned nodes of all bodies, shape (n, 3), as the displacement. Collective."""
+        """Values of the owned nodes of all bodies, (n, 3), as the displacement. Collective."""
         functions, start = [], 0
         for V, size in zip(self.spaces, self.coupling.layout.num_owned, strict=True):
             f = fem.Function(V, name=name)
@@ -387,6 +383,18 @@ class ContactProblem(memory.Destroyable):
 
 
 # -- What a problem is given: checked, or a ValueError says what does not fit --------------
+
+
+class _Part:
+    """Sets the loads of a part of a step, and counts how often."""
+
+    def __init__(self, load: Callable[[float], None], begin: float, length: float):
+        self._load, self._begin, self._length = load, begin, length
+        self.tried = 0
+
+    def __call__(self, fraction: float) -> None:
+        self.tried += 1
+        self._load(self._begin + fraction * self._length)
 
 
 def _poll(problem: ContactProblem | None) -> None:

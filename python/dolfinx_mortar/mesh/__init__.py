@@ -1,7 +1,6 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Meshes of 20-node hexahedra, which DOLFINx's own readers refuse, Abaqus input files, and pairs of
-facing surfaces."""
+"""What DOLFINx's own readers refuse (20-node hexahedra, Abaqus files), and pairs of surfaces."""
 
 from .abaqus import AbaqusMesh, read_abaqus
 from .gmsh import model_to_hex20
