@@ -8,10 +8,10 @@
 
 # # A rubber cylinder whose side folds onto the plate
 #
-# A short cylinder of rubber, glued to a press above, is pressed on a plate with friction. Rubber keeps
-# its volume, so the cylinder bulges until its side comes to lie on the plate: contact rolls over the
-# sharp rim. Bottom and side are both slave; the library splits them at the edge, each with its own
-# normals.
+# A short cylinder of rubber, glued to a press above, is pressed on a plate with friction. Rubber
+# keeps its volume, so the cylinder bulges until its side comes to lie on the plate: contact rolls
+# over the sharp rim. Bottom and side are both slave; the library splits them at the edge, each with
+# its own normals.
 #
 # Run it with `python3 demo_rubber.py [--out DIR] [--level N]`, alone or under `mpirun`.
 
