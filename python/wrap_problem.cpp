@@ -228,7 +228,8 @@ void wrap_summary(nb::module_& m, nb::class_<ContactProblem>& p)
       .def(
           "nodal_forces", [](const ContactProblem& self, std::size_t i)
           { return as_rows(nodal_forces(self, i), 3); }, nb::arg("interface"),
-          "Forces of an interface at the owned nodes of all bodies. Collective.")
+          "Forces of an interface at the owned nodes of all bodies. "
+          "Collective.")
       .def(
           "reactions", [](const ContactProblem& self)
           { return as_rows(reactions(self), 3); },

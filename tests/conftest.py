@@ -29,7 +29,7 @@ from petsc4py import PETSc
 
 import dolfinx.jit
 import pytest
-from programs import SLEEPING
+from programs import YIELDING
 
 # A form may be in the hands of another run: give it longer than ten seconds.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (100, "Seconds")
@@ -38,7 +38,7 @@ dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["cffi_extra_compile_args"] = (["-O1", "-
 # The file that takes the reports of rank 0, in a run that a session has started.
 REPORTS = os.environ.get("MORTAR_TEST_REPORTS")
 # MPI adds to the environment of its processes what mpirun must not see.
-ENVIRONMENT = SLEEPING | os.environ
+ENVIRONMENT = YIELDING | os.environ
 
 comm = MPI.COMM_WORLD.Dup()  # no test's message can be taken for one of ours
 

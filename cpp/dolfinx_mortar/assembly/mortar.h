@@ -56,8 +56,8 @@ struct NodalIntegrals
   /// Covered area of each facet of this rank, shape (num_facets)
   std::vector<double> facet_area;
 
-  /// Smallest gap at the points of each facet of this rank, zero where no master
-  /// covers it; shape (num_facets)
+  /// Smallest gap at the points of each facet of this rank, zero where no
+  /// master covers it; shape (num_facets)
   std::vector<double> nearest;
 
   /// Number of facets of this rank that some master covers, and of pairs

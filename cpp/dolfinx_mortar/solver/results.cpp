@@ -132,8 +132,7 @@ std::vector<double> extend(const Surface& s, std::span<const double> owned,
 } // namespace
 
 //-----------------------------------------------------------------------------
-const Evaluation&
-dolfinx_mortar::last_evaluation(const ContactProblem& problem)
+const Evaluation& dolfinx_mortar::last_evaluation(const ContactProblem& problem)
 {
   const Evaluation* evaluation = problem.evaluation();
   if (!evaluation)

@@ -90,9 +90,8 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
   return s;
 }
 //-----------------------------------------------------------------------------
-std::vector<double>
-dolfinx_mortar::nodal_forces(const ContactProblem& problem,
-                             std::size_t interface)
+std::vector<double> dolfinx_mortar::nodal_forces(const ContactProblem& problem,
+                                                 std::size_t interface)
 {
   const Evaluation& evaluation = last_evaluation(problem);
   const Coupling& coupling = problem.coupling();

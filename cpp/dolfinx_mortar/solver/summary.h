@@ -51,9 +51,9 @@ std::vector<double> nodal_forces(const ContactProblem& problem,
                                  std::size_t interface);
 
 /// @brief Forces that hold the bodies against everything else, Dirichlet
-/// conditions' reactions, in the last accepted state: residual and forces of all
-/// interfaces; zero, to the tolerance of the solver, where a dof is free. Shape
-/// (size of the layout). Collective.
+/// conditions' reactions, in the last accepted state: residual and forces of
+/// all interfaces; zero, to the tolerance of the solver, where a dof is free.
+/// Shape (size of the layout). Collective.
 /// @throw std::runtime_error On all ranks, before the first solve.
 std::vector<double> reactions(const ContactProblem& problem);
 } // namespace dolfinx_mortar
