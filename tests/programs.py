@@ -9,7 +9,7 @@ from pathlib import Path
 import dolfinx_mortar as dm
 
 # Open MPI's ranks wait in busy loops. Ranks that share cores, with each other and with other work,
-# keep those cores from the rank that they wait for, unless they yield; to sleep takes twice as long.
+# keep those cores from the rank that they wait for, unless they yield; to sleep is half as fast.
 YIELDING = {"OMPI_MCA_mpi_yield_when_idle": "1"}
 BUILD = Path(dm.cpp.__file__).parents[2]  # where <build>/python/dolfinx_mortar/cpp*.so is
 

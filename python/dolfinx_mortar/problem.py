@@ -251,10 +251,10 @@ class ContactProblem(memory.Destroyable):
         forces, layout = self._cpp_object.reactions(), self.coupling.layout
         body = self._cpp_object.space_of(bc._cpp_object)
         start = sum(layout.num_owned[:body])
-        own = forces[start : start + layout.num_owned[body]]
-        dofs, size = bc._cpp_object.dof_indices()
-        dofs = dofs[:size]
-        sums = [own.ravel()[dofs[dofs % 3 == c]].sum() for c in range(3)]
+        own = forces[start : start + layout.num_owned[body]].ravel()
+        dofs = bc._cpp_object.dof_indices()[0]
+        dofs = dofs[dofs < own.size]  # ghosts come last
+        sums = [own[dofs[dofs % 3 == c]].sum() for c in range(3)]
         return np.array(self.comm.allreduce(np.array(sums)))
 
     def report(self) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 #: Columns of a report: heading, format and what is shown
-_COLUMNS = (
+_COLUMNS: tuple[tuple[str, str, Callable[[Mapping[str, Any]], Any]], ...] = (
     ("open", "6d", lambda s: s["open"]),
     ("stick", "6d", lambda s: s["stick"]),
     ("slip", "6d", lambda s: s["slip"]),

@@ -16,6 +16,9 @@ from dolfinx.mesh import Mesh, MeshTags, exterior_facet_indices, meshtags
 
 from .. import arguments, cpp
 
+#: Normals of facets that face each other are no further from opposing than this [degrees]
+_LARGEST_ANGLE = 70.0
+
 
 @dataclass(frozen=True)
 class Pair:
@@ -41,7 +44,8 @@ def find_pairs(mesh: Mesh, cell_tags: MeshTags, distance: float | None = None) -
     """Find boundary facets of different bodies that face each other. Collective.
 
     Facets are taken that are no further apart than a distance, by the boxes around them, and whose
-    normals oppose each other. The side with the smaller facets becomes the slave. ::
+    normals are within 70 degrees of opposing each other. The side with the smaller facets becomes
+    the slave. ::
 
         contacts = [
             dm.Contact(V, pair.facet_tags, slave=pair.slave, master=pair.master)
@@ -125,11 +129,26 @@ def _facing(
 ) -> tuple[npt.NDArray[np.int32], float]:
     """Facets of this rank that face another body, and the sum of their sizes."""
     candidates = cpp.find_candidates(own, own.X, other, other.X, distance)
-    chosen = np.diff(np.array(candidates.offsets)) > 0
-    begin = np.array(own.offsets)[:-1][chosen]
     X, nodes = np.array(own.X).reshape(-1, 3), np.array(own.nodes)
+    masters = candidates.master
+    normals = _normals(X[nodes], own.offsets, own.orientation)
+    opposite = _normals(np.array(masters.x).reshape(-1, 3), masters.offsets, masters.orientation)
+    of_facet = np.repeat(np.arange(len(normals)), np.diff(np.array(candidates.offsets)))
+    cosines = np.sum(normals[of_facet] * opposite[np.array(candidates.facets)], axis=1)
+    chosen = np.zeros(len(normals), bool)
+    chosen[of_facet[cosines < -np.cos(np.radians(_LARGEST_ANGLE))]] = True
+    begin = np.array(own.offsets)[:-1][chosen]
     edges = np.linalg.norm(X[nodes[begin]] - X[nodes[begin + 1]], axis=1)
     return facets[chosen], float(edges.sum())
+
+
+def _normals(
+    x: npt.NDArray[np.float64], offsets: npt.ArrayLike, orientation: npt.ArrayLike
+) -> npt.NDArray[np.float64]:
+    """Outward unit normals of facets at their first node, shape (facets, 3)."""
+    a = np.asarray(offsets)[:-1]
+    n = np.cross(x[a + 1] - x[a], x[a + 2] - x[a]) * np.asarray(orientation)[:, None]
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
 
 
 def _tags(mesh: Mesh, sides: list[npt.NDArray[np.int32]]) -> MeshTags:
