@@ -203,7 +203,7 @@ def draw(out, u, contact, number):
         "p",
         label="pressure",
         clim=(0.0, 8.0),
-        view=(-1.2, -1.6, -0.5),
+        view=(1.3, 0.9, -0.8),
         zoom=0.8,
         title=f"Compression {0.025 * number:.3f}",
         size=(900, 700),
