@@ -27,6 +27,17 @@ std::string describe_failure(KSP ksp)
   check(KSPGetIterationNumber(ksp, &iterations), "KSPGetIterationNumber");
   std::string text = "The linear solver failed (";
   text += KSPConvergedReasons[reason];
+  PC pc;
+  check(KSPGetPC(ksp, &pc), "KSPGetPC");
+  PCFailedReason failed;
+  check(PCGetFailedReason(pc, &failed), "PCGetFailedReason");
+  if (failed == PC_FACTOR_OUTMEMORY)
+  {
+    return text
+           + "): the factorisation needs more memory than was planned. Raise "
+             "mat_mumps_icntl_14, the percentage by which MUMPS may exceed "
+             "its estimate.";
+  }
   if (reason == KSP_DIVERGED_PC_FAILED or std::string(type) == KSPPREONLY)
     return text + "): " + singular;
   text += " after " + std::to_string(iterations) + " iterations of " + type;

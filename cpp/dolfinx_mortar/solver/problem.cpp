@@ -188,10 +188,12 @@ ContactProblem::ContactProblem(
   }
   _step = create_step(_coupling, _state);
   warn_of_lost_area(_step);
+  const bool condense = choose_condensation(_options.condense, _coupling);
   _newton = std::make_unique<Newton>(
       _bodies, _coupling,
-      SolverOptions(_options.petsc_options_prefix, _options.petsc_options),
-      choose_condensation(_options.condense, _coupling), _options.poll);
+      SolverOptions(_options.petsc_options_prefix, _options.petsc_options,
+                    !condense),
+      condense, _options.poll);
 }
 //-----------------------------------------------------------------------------
 ContactProblem::~ContactProblem() = default;

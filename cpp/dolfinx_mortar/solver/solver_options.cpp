@@ -136,7 +136,8 @@ std::string meant(std::string name)
 } // namespace
 
 //-----------------------------------------------------------------------------
-SolverOptions::SolverOptions(std::string prefix, Options given)
+SolverOptions::SolverOptions(std::string prefix, Options given,
+                             bool saddle_point)
     : _prefix(std::move(prefix)), _given(std::move(given))
 {
   const auto pc = chosen("pc_type"), ksp = chosen("ksp_type");
@@ -150,7 +151,11 @@ SolverOptions::SolverOptions(std::string prefix, Options given)
     defaults.insert(krylov.begin(), krylov.end());
   }
   if (by_default or (pc and (*pc == "lu" or *pc == "cholesky")))
+  {
     defaults.insert(factorisation.begin(), factorisation.end());
+    if (saddle_point)
+      defaults["mat_mumps_icntl_14"] = "300";
+  }
   else if (pc and *pc == "gamg")
     defaults.insert(multigrid.begin(), multigrid.end());
   for (const auto& [name, value] : defaults)

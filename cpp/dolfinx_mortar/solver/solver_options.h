@@ -23,7 +23,10 @@ public:
   /// @param[in] given The user's options, without the prefix; they count more
   /// than what the command line says, and that more than defaults.
   /// @throw std::invalid_argument An option cannot work with interfaces.
-  SolverOptions(std::string prefix, std::map<std::string, std::string> given);
+  /// @param[in] saddle_point The system is one: a factorisation puts off many
+  /// pivots, all the more on several ranks, and needs more memory than planned.
+  SolverOptions(std::string prefix, std::map<std::string, std::string> given,
+                bool saddle_point = false);
 
   const std::string& prefix() const { return _prefix; }
 
