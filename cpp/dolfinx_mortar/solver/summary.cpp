@@ -19,7 +19,7 @@ Eigen::Map<const Vec3> row(std::span<const double> x, std::size_t k)
 }
 
 /// Deepest overlap of facets with a node in contact.
-double deepest(const Surface& slave, const NodalIntegrals& nodal,
+double overlap_in_contact(const Surface& slave, const NodalIntegrals& nodal,
                std::span<const Status> status)
 {
   std::vector<std::int8_t> closed(num_local_nodes(slave), 0);
@@ -82,7 +82,7 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
   s.mean_pressure = s.area > 0 ? sums[3] / s.area : 0.0;
   s.largest_pressure = max(coupling.comm(), largest);
   s.penetration = max(coupling.comm(),
-                      deepest(c.data.slave, geometry.nodal, state.status));
+                      overlap_in_contact(c.data.slave, geometry.nodal, state.status));
   s.open = sums[5];
   s.stick = sums[6];
   s.slip = sums[7];
