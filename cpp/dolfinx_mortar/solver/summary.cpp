@@ -20,7 +20,7 @@ Eigen::Map<const Vec3> row(std::span<const double> x, std::size_t k)
 
 /// Deepest overlap of facets with a node in contact.
 double overlap_in_contact(const Surface& slave, const NodalIntegrals& nodal,
-               std::span<const Status> status)
+                          std::span<const Status> status)
 {
   std::vector<std::int8_t> closed(num_local_nodes(slave), 0);
   for (std::size_t k = 0; k < status.size(); ++k)
@@ -81,8 +81,9 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
   s.area = sums[4];
   s.mean_pressure = s.area > 0 ? sums[3] / s.area : 0.0;
   s.largest_pressure = max(coupling.comm(), largest);
-  s.penetration = max(coupling.comm(),
-                      overlap_in_contact(c.data.slave, geometry.nodal, state.status));
+  s.penetration
+      = max(coupling.comm(),
+            overlap_in_contact(c.data.slave, geometry.nodal, state.status));
   s.open = sums[5];
   s.stick = sums[6];
   s.slip = sums[7];
