@@ -132,7 +132,7 @@ def problem(size, friction):
     for component, tag in ((0, PLANE_X), (1, PLANE_Y)):
         dofs = fem.locate_dofs_topological(V.sub(component), 2, tags.find(tag))
         bcs.append(fem.dirichletbc(default_scalar_type(0), dofs, V.sub(component)))
-    low = fem.locate_dofs_geometrical(W, lambda x: x[2] < 0.1 - 0.5)
+    low = fem.locate_dofs_geometrical(W, lambda x: x[2] < -0.4)
     bcs.append(fem.dirichletbc(np.zeros(3, dtype=default_scalar_type), low, W))
     contact = dm.Contact((V, W), (tags, below_tags), slave=SLAVE, master=1, friction=friction)
     return (

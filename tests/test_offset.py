@@ -36,16 +36,6 @@ def test_weighted_gap(pairing, multiplier):
         np.testing.assert_array_equal(with_offset[name], without[name])
 
 
-def distances(p):
-    """Smallest and largest height of the deformed slave nodes above the lower block's top."""
-    x = nodal.positions(p.interface)[:, 2].copy()
-    u = p.problem.u[0]
-    dofs = p.interface.data.slave.local_blocks[: nodal.number(p.interface)]
-    x += u.x.array.reshape(-1, 3)[dofs, 2]
-    low = comm.allreduce(float(x.min(initial=np.inf)), op=MPI.MIN)
-    return low, comm.allreduce(float(x.max(initial=-np.inf)), op=MPI.MAX)
-
-
 @pytest.mark.parametrize("geometry", ["current", "reference"])
 @pytest.mark.parametrize("offset", [-0.01, 0.02])
 def test_same_as_a_body_that_is_moved(geometry, offset):
@@ -64,8 +54,6 @@ def test_same_as_a_body_that_is_moved(geometry, offset):
 def test_kinds_of_offsets():
     """A number, a constant, an expression and a function that mean the same; changed between."""
     given = {}
-    p = pressed(dm.Contact, elements=("hex20", "hex8"), offset=-0.004)
-    V = p.problem.u[0].function_space
     for kind in ("number", "constant", "expression", "function"):
         p = pressed(dm.Contact, elements=("hex20", "hex8"))
         V = p.problem.u[0].function_space
@@ -98,23 +86,20 @@ def test_kinds_of_offsets():
 
 
 def test_offset_that_varies():
-    """A wedge: the offset is between the surfaces at each node."""
+    """A wedge: between the surfaces is, as an average around each node, what the offset is there."""
     p = pressed(dm.Contact, elements=("hex27", "hex8"))
     x = ufl.SpatialCoordinate(p.problem.u[0].function_space.mesh)
     p.interface.offset = -0.01 * (1 + x[0])
     p.move(0.0, 0.0)
-    X = nodal.positions(p.interface)
-    low, high = distances(p)
-    plain = pressed(dm.Contact, elements=("hex27", "hex8"), offset=-0.01)
-    plain.move(0.0, 0.0)
-    assert p.interface.force[2] > 1.2 * plain.interface.force[2]
-    assert high - low > 1e-4
-    assert X.shape[1] == 3
+    c, n = p.interface, nodal.number(p.interface)
+    assert c.force[2] > 1.0 and np.all(c.state.status[:n] > 0)
+    apart = np.array(c.evaluation.nodal.jump).reshape(-1, 3)[:n, 2] / nodal.weights(c)
+    np.testing.assert_allclose(apart, 0.01 * (1 + nodal.positions(c)[:, 0]), rtol=5e-3)
 
 
-@pytest.mark.parametrize("preload", [0.01])
-def test_press_fit_by_overlap_and_by_offset(preload):
+def test_press_fit_by_overlap_and_by_offset():
     """Radii that overlap, or equal ones and an offset."""
+    preload = 0.01
     overlap, first = press_fit(True, preload)
     overlap.solve()
     offset, second = press_fit(True, 0.0, offset=-preload)

@@ -47,14 +47,15 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
     throw std::invalid_argument("A tie has no summary of contact.");
   const Resultants resultant = resultants(problem, interface);
   const InterfaceState& state = problem.state().interfaces[interface];
-  const InterfaceGeometry& geometry
-      = *problem.evaluation()->interfaces[interface].geometry;
+  const InterfaceEvaluation& evaluation
+      = problem.evaluation()->interfaces[interface];
+  const InterfaceGeometry& geometry = *evaluation.geometry;
   const std::vector<double> z
       = local_multipliers(coupling, interface, problem.state().z);
 
   // Position times force, force, area; counts; energy
   std::vector<double> sums(9, 0.0);
-  double largest = 0;
+  double largest = 0, overlap = 0;
   for (std::int32_t k = 0; k < c.num_owned(); ++k)
   {
     if (!state.basis.has_multiplier[k])
@@ -66,6 +67,7 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
     const double pressure
         = row(geometry.configuration.normals.n, k).dot(row(z, k));
     largest = std::max(largest, pressure);
+    overlap = std::max(overlap, -evaluation.gap[k] / weight);
     Eigen::Map<Vec3>(sums.data())
         += weight * pressure * row(geometry.configuration.x_slave, k);
     sums[3] += weight * pressure;
@@ -81,9 +83,11 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
   s.area = sums[4];
   s.mean_pressure = s.area > 0 ? sums[3] / s.area : 0.0;
   s.largest_pressure = max(coupling.comm(), largest);
-  s.penetration
-      = max(coupling.comm(),
-            overlap_in_contact(c.data.slave, geometry.nodal, state.status));
+  if (c.is_current())
+  {
+    overlap = overlap_in_contact(c.data.slave, geometry.nodal, state.status);
+  }
+  s.penetration = max(coupling.comm(), overlap);
   s.open = sums[5];
   s.stick = sums[6];
   s.slip = sums[7];

@@ -26,8 +26,9 @@ struct Summary
   /// Largest nodal pressure
   double largest_pressure = 0;
 
-  /// Deepest overlap at the integration points of facets with a node in
-  /// contact, an offset counted in
+  /// Deepest overlap [length] at the integration points of facets with a node
+  /// in contact, an offset counted in; with reference geometry, whose points do
+  /// not move, that of the nodes in contact, as averages around them
   double penetration = 0;
 
   /// Nodes with a multiplier by their state; those in contact without friction
