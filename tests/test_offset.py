@@ -86,7 +86,7 @@ def test_kinds_of_offsets():
 
 
 def test_offset_that_varies():
-    """A wedge: between the surfaces is, as an average around each node, what the offset is there."""
+    """A wedge: what is between the surfaces, as an average around a node, is the offset there."""
     p = pressed(dm.Contact, elements=("hex27", "hex8"))
     x = ufl.SpatialCoordinate(p.problem.u[0].function_space.mesh)
     p.interface.offset = -0.01 * (1 + x[0])

@@ -41,13 +41,13 @@ def test_summary(elements):
     assert 0 <= s["penetration"] < 0.1 * 0.01
 
 
-@pytest.mark.parametrize("geometry", ["current", "reference"])
-def test_penetration_is_what_is_left(geometry):
-    """Bodies that overlap by 0.01 at first, until contact parts them."""
+@pytest.mark.parametrize(("geometry", "left"), [("current", 1e-3), ("reference", 1e-9)])
+def test_penetration_is_what_is_left(geometry, left):
+    """Bodies that overlap by 0.01 at first: between points of facets little, in averages none."""
     p = pressed(dm.Contact, geometry=geometry, offset=-0.01)
     p.move(0.0, 0.0)
     assert p.interface.force[2] > 1.0
-    assert p.interface.summary()["penetration"] < 1e-3 * 0.01
+    assert p.interface.summary()["penetration"] < left
 
 
 def test_nodal_forces_and_reactions():
