@@ -31,6 +31,64 @@ std::vector<TaggedFacets> tagged_facets(const std::vector<Part>& parts)
   return out;
 }
 
+std::array<double, 3> array_of(const Vec3& v) { return {v[0], v[1], v[2]}; }
+
+using Triple = std::array<double, 3>;
+
+void wrap_tool(nb::module_& m)
+{
+  nb::class_<RigidTool> t(m, "RigidTool", "A rigid tool, and its motion.");
+  t.def(
+       "__init__", [](RigidTool* self, const Triple& reference_point)
+       { new (self) RigidTool(Vec3(reference_point.data())); },
+       nb::arg("reference_point"), "A tool whose surface has facets.")
+      .def_static(
+          "plane",
+          [](const Triple& point, const Triple& normal)
+          {
+            return std::make_shared<RigidTool>(
+                RigidShape{RigidShape::Kind::plane, false}, Vec3(point.data()),
+                Vec3(normal.data()), 0.0);
+          },
+          nb::arg("point"), nb::arg("normal"), "A half-space.")
+      .def_static(
+          "sphere",
+          [](const Triple& centre, double radius, bool hollow)
+          {
+            return std::make_shared<RigidTool>(
+                RigidShape{RigidShape::Kind::sphere, hollow},
+                Vec3(centre.data()), Vec3::Zero(), radius);
+          },
+          nb::arg("centre"), nb::arg("radius"), nb::arg("hollow"),
+          "A ball, or a socket.")
+      .def_static(
+          "cylinder",
+          [](const Triple& point, const Triple& axis, double radius,
+             bool hollow)
+          {
+            return std::make_shared<RigidTool>(
+                RigidShape{RigidShape::Kind::cylinder, hollow},
+                Vec3(point.data()), Vec3(axis.data()), radius);
+          },
+          nb::arg("point"), nb::arg("axis"), nb::arg("radius"),
+          nb::arg("hollow"), "A roller, or a bore.")
+      .def("frame", &RigidTool::frame, nb::arg("size"),
+           "Reference positions of the nodes of the frame, 12 numbers.");
+  auto def_vector = [&](const char* name, Vec3 RigidTool::* member,
+                        const char* doc)
+  {
+    t.def_prop_rw(
+        name, [member](const RigidTool& self)
+        { return array_of(self.*member); },
+        [member](RigidTool& self, const Triple& v)
+        { self.*member = Vec3(v.data()); }, nb::rv_policy::automatic, doc);
+  };
+  def_vector("reference_point", &RigidTool::reference_point,
+             "Point that rotations and moments are about.");
+  def_vector("translation", &RigidTool::translation, "Translation [length].");
+  def_vector("rotation", &RigidTool::rotation, "Rotation vector [rad].");
+}
+
 void wrap_options(nb::module_& m)
 {
   nb::enum_<InitialActive::Choice>(m, "InitialActive",
@@ -48,7 +106,8 @@ void wrap_options(nb::module_& m)
           [](InterfaceOptions* self, const std::vector<Part>& slave,
              const std::vector<Part>& master,
              std::optional<MultiplierSpace> space,
-             const IntegrationOptions& options, double min_coverage)
+             const IntegrationOptions& options, double min_coverage,
+             std::shared_ptr<RigidTool> tool)
           {
             new (self) InterfaceOptions();
             self->slave = tagged_facets(slave);
@@ -56,9 +115,11 @@ void wrap_options(nb::module_& m)
             self->space = space;
             self->integration = options;
             self->min_coverage = min_coverage;
+            self->tool = tool;
           },
           nb::arg("slave"), nb::arg("master"), nb::arg("space").none(),
-          nb::arg("options"), nb::arg("min_coverage"), "A tie.")
+          nb::arg("options"), nb::arg("min_coverage"),
+          nb::arg("tool").none() = nb::none(), "A tie.")
       .def(
           "make_contact",
           [](InterfaceOptions& self, std::optional<double> c_n,
@@ -117,6 +178,7 @@ void wrap_options(nb::module_& m)
 
 void wrap_coupling(nb::module_& m)
 {
+  wrap_tool(m);
   wrap_options(m);
 
   nb::class_<CoupledInterface>(m, "CoupledInterface",

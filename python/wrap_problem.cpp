@@ -74,19 +74,20 @@ void wrap_solve(nb::class_<ContactProblem>& p)
           const Conditions& bcs,
           const std::vector<InterfaceOptions>& interfaces,
           const std::string& prefix, const Options& petsc_options,
-          std::optional<bool> condense, std::function<void()> poll)
+          std::optional<bool> condense, std::function<void()> poll,
+          double stabilise)
        {
          std::vector<Body> bodies;
          for (std::size_t b = 0; b < u.size(); ++b)
            bodies.push_back({F.at(b), J.at(b), u[b]});
          new (self) ContactProblem(
              MPI_Comm_f2c(comm), std::move(bodies), bcs, interfaces,
-             {prefix, petsc_options, condense, std::move(poll)});
+             {prefix, petsc_options, condense, std::move(poll), stabilise});
        },
        nb::arg("comm"), nb::arg("F"), nb::arg("J"), nb::arg("u"),
        nb::arg("bcs"), nb::arg("interfaces"), nb::arg("petsc_options_prefix"),
        nb::arg("petsc_options"), nb::arg("condense").none(),
-       nb::arg("poll").none(),
+       nb::arg("poll").none(), nb::arg("stabilise"),
        "A problem; `comm` is `comm.py2f()`, `poll` is called now and then. "
        "Collective.")
       .def(
@@ -111,6 +112,17 @@ void wrap_solve(nb::class_<ContactProblem>& p)
           nb::arg("offset"),
           "Change what is added to the gap at local slave nodes; empty for "
           "nothing. Collective.")
+      .def_prop_ro(
+          "stabilisation",
+          [](const ContactProblem& self)
+          {
+            const Stabilisation& s = self.stabilisation();
+            return std::map<std::string, double>{
+                {"force", s.force},
+                {"energy", s.energy},
+                {"energy_share", s.energy_share}};
+          },
+          "What the springs that stabilise did in the last solve.")
       .def_prop_ro("history", &ContactProblem::history, nb::rv_policy::copy,
                    "Iterates of the last solve; a copy.")
       .def_prop_ro(
@@ -244,7 +256,9 @@ void wrap_summary(nb::module_& m, nb::class_<ContactProblem>& p)
 void wrap_interface_results(nb::class_<ContactProblem>& p)
 {
   p.def("resultants", &resultants, nb::arg("interface"),
-        "Forces and moments of a contact. Collective.")
+        "Forces and moments of an interface. Collective.")
+      .def("tool_point", &tool_point, nb::arg("interface"),
+           "Where the reference point of a rigid tool is. Collective.")
       .def("num_multiplier_nodes", &num_multiplier_nodes, nb::arg("interface"),
            "Number of slave nodes that carry a multiplier. Collective.")
       .def("results", &results, nb::arg("interface"),
@@ -343,6 +357,16 @@ void wrap_relocation(nb::module_& m)
       nb::arg("comm"), nb::arg("spaces"), nb::arg("tie"), nb::arg("bcs"),
       nb::arg("limit"),
       "Motion of the slave nodes onto the master. Collective.");
+  m.def(
+      "adjust",
+      [](int comm,
+         const std::vector<std::shared_ptr<const FunctionSpace>>& spaces,
+         const InterfaceOptions& contact, const Conditions& bcs,
+         double distance)
+      { return adjust(MPI_Comm_f2c(comm), spaces, contact, bcs, distance); },
+      nb::arg("comm"), nb::arg("spaces"), nb::arg("contact"), nb::arg("bcs"),
+      nb::arg("distance"),
+      "Motion of slave nodes that are near the master. Collective.");
 }
 } // namespace
 

@@ -29,12 +29,29 @@ from petsc4py import PETSc
 
 import dolfinx.jit
 import pytest
+import ufl
 from programs import YIELDING
 
 # A form may be in the hands of another run: give it longer than ten seconds.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["timeout"] = (100, "Seconds")
 # Meshes are small: more optimisation takes longer than it saves.
 dolfinx.jit.DOLFINX_DEFAULT_JIT_OPTIONS["cffi_extra_compile_args"] = (["-O1", "-g0"], "Flags")
+# UFL makes a cell anew, and all of its sub-entities with theirs, each time that somebody asks an
+# element for it: more than half of the time that small problems take. They differ by name alone.
+_cells, _make_cell = {}, ufl.Cell.__init__
+
+
+def _take_known_cell(self, name):
+    if name not in _cells:
+        _make_cell(cell := ufl.Cell.__new__(ufl.Cell), name)
+        _cells[name] = cell
+    slots = [slot for c in ufl.Cell.__mro__ for slot in getattr(c, "__slots__", ())]
+    for attribute in {*slots, *vars(_cells[name])}:
+        if hasattr(_cells[name], attribute):
+            setattr(self, attribute, getattr(_cells[name], attribute))
+
+
+ufl.Cell.__init__ = _take_known_cell
 # The file that takes the reports of rank 0, in a run that a session has started.
 REPORTS = os.environ.get("MORTAR_TEST_REPORTS")
 # MPI adds to the environment of its processes what mpirun must not see.

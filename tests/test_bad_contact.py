@@ -31,7 +31,7 @@ class Blocks:
         prescribed: Components of the slave nodes whose displacement is prescribed as well.
         where: Which of the slave nodes that holds for.
         kind: Interface.
-        condense, petsc_options: See ContactProblem.
+        condense, petsc_options, problem_options: See ContactProblem.
         options: Options of the interface.
     """
 
@@ -48,6 +48,7 @@ class Blocks:
         kind=dm.Contact,
         condense=None,
         petsc_options=None,
+        problem_options=None,
         **options,
     ):
         parts = [
@@ -92,6 +93,7 @@ class Blocks:
             petsc_options_prefix="bad_",
             petsc_options=petsc_options,
             condense=condense,
+            **(problem_options or {}),
         )
         self.solve = self.problem.solve
 

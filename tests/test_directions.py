@@ -29,13 +29,14 @@ MODULES = (
         "forms",
         "state_file",
         "fields",
+        "tools",
         "interfaces",
         "offsets",
         "contact",
     ),
     *("relocation", "checkpoint", "progress", "problem"),
 )
-ABOVE = {("interfaces", "problem"), ("checkpoint", "problem")}
+ABOVE = {("interfaces", "problem"), ("checkpoint", "problem"), ("tools", "interfaces")}
 #: Subpackages, which nothing else imports: they are for users who want them
 EXTRAS = ("mesh", "plotting")
 

@@ -34,6 +34,21 @@ from .elements import hex20
 from .errors import ConvergenceError
 from .interfaces import Interface, Tie
 from .problem import ContactProblem
-from .relocation import relocate
+from .relocation import adjust, relocate
+from .tools import RigidCylinder, RigidPlane, RigidSphere, RigidSurface, RigidTool
 
-__all__ = ["Contact", "ContactProblem", "ConvergenceError", "Interface", "Tie", "hex20", "relocate"]
+__all__ = [
+    "Contact",
+    "ContactProblem",
+    "ConvergenceError",
+    "Interface",
+    "RigidCylinder",
+    "RigidPlane",
+    "RigidSphere",
+    "RigidSurface",
+    "RigidTool",
+    "Tie",
+    "adjust",
+    "hex20",
+    "relocate",
+]

@@ -88,14 +88,30 @@ def bound(name: str, x: Any) -> float | fem.Constant | None:
     return x if constant else number_
 
 
-def direction(normal: Any) -> npt.NDArray[np.float64] | None:
-    """Return a unit vector, or None."""
-    if normal is None:
-        return None
+def length(name: str, value: Any) -> float:
+    """Return a positive number."""
+    if value is None:
+        raise ValueError(f"{name} is None, but must be a positive number, a length.")
+    return positive(name, value, "a length") or 0.0
+
+
+def vector(name: str, value: Any) -> list[float]:
+    """Return three finite numbers."""
     try:
-        n = np.asarray(normal, dtype=np.float64)
+        v = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        v = np.empty(0)
+    if v.shape != (3,) or not np.isfinite(v).all():
+        raise ValueError(f"{name} is {value!r}, but must be three finite numbers.")
+    return [float(x) for x in v]
+
+
+def direction(name: str, value: Any) -> npt.NDArray[np.float64]:
+    """Return a unit vector."""
+    try:
+        n = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         n = np.empty(0)
     if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
-        raise ValueError(f"normal is {normal!r}, but must be three finite numbers, not all zero.")
+        raise ValueError(f"{name} is {value!r}, but must be three finite numbers, not all zero.")
     return n / np.linalg.norm(n)

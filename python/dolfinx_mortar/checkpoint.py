@@ -158,7 +158,14 @@ def _describe(problem: ContactProblem) -> dict:
         ]
         for i in problem.interfaces
     ]
-    return {"bodies": bodies, "interfaces": kinds}
+    tools = _tools(problem, problem._cpp_object.displacements())
+    return {"bodies": bodies, "interfaces": kinds, "tools": tools}
+
+
+def _tools(problem: ContactProblem, u: npt.NDArray[np.float64]) -> list[float]:
+    """Displacements of the frames of rigid tools, which rank 0 owns. Collective."""
+    first = problem.coupling.layout.owned_start(len(problem.spaces))
+    return problem.comm.bcast([float(x) for x in u[3 * first :]])
 
 
 def save(problem: ContactProblem, path: str | Path) -> None:
@@ -176,7 +183,7 @@ def save(problem: ContactProblem, path: str | Path) -> None:
         raise RuntimeError(
             f"The state is not written to {path}: displacements or multipliers are not finite."
         )
-    description["started"] = state.started
+    description["started"], description["tools"] = state.started, _tools(problem, state.u)
     state_file.write(comm, Path(path), description, blocks)
 
 
@@ -188,6 +195,8 @@ def _compare(header: dict, expected: dict, path: Path) -> str:
         )
     if len(header["bodies"]) != len(expected["bodies"]):
         return f"{path} belongs to another problem: the number of bodies differs."
+    if len(header.get("tools", [])) != len(expected["tools"]):
+        return f"{path} belongs to another problem: the number of rigid tools differs."
     for a, b in zip(header["bodies"], expected["bodies"]):
         for key in ("cells", "dofs_per_cell", "blocks"):
             if a[key] != b[key]:
@@ -220,14 +229,15 @@ def load(problem: ContactProblem, path: str | Path) -> cpp.State:
         nodal = np.full((_num_local(V), width), np.nan)
         nodal[dofs.ravel()] = record.reshape(-1, width)
         values.append(_complete(V, nodal))
-    return _state(problem, values, bool(header["description"]["started"]))
+    return _state(problem, values, header["description"])
 
 
-def _state(problem: ContactProblem, values: list[npt.NDArray], started: bool) -> cpp.State:
+def _state(problem: ContactProblem, values: list[npt.NDArray], description: dict) -> cpp.State:
     """The state that was stored, from values at the local nodes of each body."""
     state, layout = problem.state, problem.coupling.layout
-    owned = [v[:n] for v, n in zip(values, layout.num_owned, strict=True)]
-    state.u = np.concatenate([v[:, :3].ravel() for v in owned])
+    owned = [v[:n, :3].ravel() for v, n in zip(values, layout.num_owned)]  # tools follow
+    tools = description.get("tools", []) if problem.comm.rank == 0 else []
+    state.u, started = np.concatenate([*owned, tools]), bool(description["started"])
     z, start, interfaces = np.zeros(problem.coupling.size), 3, state.interfaces
     for k, i in enumerate(problem.interfaces):
         width = _WIDTH * most_occurrences(i)

@@ -17,6 +17,7 @@ from dolfinx.mesh import MeshTags
 from . import agreement, arguments, cpp
 from .interfaces import Interface
 from .offsets import Offset
+from .tools import RigidTool
 
 _CHOICES = {
     "gap": cpp.InitialActive.gap,
@@ -81,7 +82,7 @@ class Contact(Interface):
         facet_tags: MeshTags | Sequence[MeshTags] | None = None,
         *,
         slave: int | Sequence[tuple],
-        master: int | Sequence[tuple],
+        master: int | Sequence[tuple] | RigidTool,
         friction: float | fem.Constant | None = None,
         tresca: float | fem.Constant | None = None,
         offset: Any = None,
@@ -104,7 +105,7 @@ class Contact(Interface):
                     f"initial_active is {initial_active!r}, but must be 'gap', 'none', 'all' or a "
                     "function of positions."
                 )
-            direction = arguments.direction(normal)
+            direction = None if normal is None else arguments.direction("normal", normal)
             if normal is not None and geometry != "reference":
                 raise ValueError("A given normal makes sense only with geometry='reference'.")
             same.update(self.friction_values())
@@ -157,12 +158,13 @@ class Contact(Interface):
         self._offset = Offset(value)
 
     def present_values(self) -> dict[str, Any]:
-        """What friction and offset are at present, to be the same on all ranks.
+        """What friction, offset and motion are at present, to be the same on all ranks.
 
         Raises:
             ValueError: A value that a user has changed meanwhile cannot be.
         """
-        return {**self.friction_values(), "offset": self._offset.numbers()}
+        offset = {"offset": self._offset.numbers()}
+        return {**super().present_values(), **self.friction_values(), **offset}
 
     def present_offset(self) -> npt.NDArray[np.float64]:
         """Offset of the local slave nodes, as the C++ library takes it. Collective."""
@@ -282,29 +284,25 @@ class Contact(Interface):
         vectors = {name: np.array(getattr(s, name)) for name in ("force", "centre")}
         return vectors | {name: getattr(s, name) for name in _NUMBERS}
 
-    def _resultants(self) -> cpp.Resultants:
-        self.evaluation  # noqa: B018
-        return self._cpp.resultants(self._index)
-
     @property
     def force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the slave body, shape (3,). Collective."""
-        return np.array(self._resultants().slave_force)
+        return np.array(self.resultants().slave_force)
 
     @property
     def master_force(self) -> npt.NDArray[np.float64]:
         """Resultant of the contact forces on the master body, shape (3,). Collective."""
-        return np.array(self._resultants().master_force)
+        return np.array(self.resultants().master_force)
 
     @property
     def moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the slave, shape (3,). Collective."""
-        return np.array(self._resultants().slave_moment)
+        return np.array(self.resultants().slave_moment)
 
     @property
     def master_moment(self) -> npt.NDArray[np.float64]:
         """Moment about the origin of the contact forces on the master, shape (3,). Collective."""
-        return np.array(self._resultants().master_moment)
+        return np.array(self.resultants().master_moment)
 
 
 def _flags(choice: Callable, comm: MPI.Intracomm) -> Callable[[npt.NDArray], npt.NDArray[np.int8]]:

@@ -16,6 +16,7 @@ from dolfinx.mesh import MeshTags
 
 from . import agreement, arguments, cpp, memory, parts
 from .fields import Fields
+from .tools import RigidTool
 
 if TYPE_CHECKING:
     from .problem import ContactProblem
@@ -63,7 +64,8 @@ class Interface:
 
     Attributes:
         slave: Parts of the slave surface.
-        master: Parts of the master surface.
+        master: Parts of the master surface, none on an analytic tool.
+        tool: Rigid tool that the master surface is on, or None.
         comm: Communicator of the meshes.
         problem: The problem it is a part of, or None.
     """
@@ -81,7 +83,7 @@ class Interface:
         facet_tags: MeshTags | Sequence[MeshTags] | None = None,
         *,
         slave: int | Sequence[tuple],
-        master: int | Sequence[tuple],
+        master: int | Sequence[tuple] | RigidTool,
         multiplier: str | None = None,
         integration: str = "segment",
         quadrature_degree: int | None = None,
@@ -91,9 +93,14 @@ class Interface:
     ):
         if type(self) is Interface:
             raise ValueError("An Interface alone has no condition: make a Tie or a Contact.")
-        with agreement.alike(parts.communicator(V, slave, master)) as same:
+        self.tool = master if isinstance(master, RigidTool) else None
+        tool_parts = list(self.tool.parts) if self.tool else []
+        with agreement.alike(parts.communicator(V, slave, master, tool_parts)) as same:
             self.slave = parts.read(V, facet_tags, 0, slave, "slave")
-            self.master = parts.read(V, facet_tags, 1, master, "master")
+            if self.tool is None:
+                self.master = parts.read(V, facet_tags, 1, master, "master")
+            else:
+                self.master, same["master"] = tool_parts, self.tool.numbers()
             parts.check_sides(self.slave, self.master)
             if multiplier is not None:
                 arguments.choice("multiplier", multiplier, _SPACES)
@@ -108,7 +115,7 @@ class Interface:
             if not 0 <= min_coverage < 1:
                 raise ValueError(f"min_coverage is {min_coverage}, but must be from 0 to below 1.")
             same["slave"] = [p.tag for p in self.slave]
-            same["master"] = [p.tag for p in self.master]
+            same["tags of the master"] = [p.tag for p in self.master]
             same["multiplier"], same["integration"] = multiplier, integration
             same["quadrature_degree"] = quadrature_degree
             same["search_distance"] = search_distance
@@ -145,7 +152,12 @@ class Interface:
             self._space,
             self._options,
             self._min_coverage,
+            None if self.tool is None else self.tool.describe(),
         )
+
+    def present_values(self) -> dict[str, Any]:
+        """What may be changed between solves, to be the same on all ranks."""
+        return {} if self.tool is None else self.tool.present_values()
 
     def attach(self, problem: ContactProblem, index: int) -> None:
         """Become a part of a problem. Collective.
@@ -155,6 +167,8 @@ class Interface:
             index: Number of this interface in it.
         """
         self.problem, self._index = problem, index
+        if self.tool is not None:
+            self.tool.attach(self)
         bodies = sorted({problem.body(p.V) for p in self.slave})
         spaces = [problem.spaces[b] for b in bodies]
         self._bodies = bodies
@@ -284,6 +298,19 @@ class Interface:
         owner = self._owner()
         return owner.as_functions(self._cpp.nodal_forces(self._index), "contact_force")
 
+    def resultants(self) -> cpp.Resultants:
+        """Forces and moments about the origin, on slave and master. Collective.
+
+        Raises:
+            RuntimeError: There is no solution yet.
+        """
+        self.evaluation  # noqa: B018 (an error where there is none)
+        return self._cpp.resultants(self._index)
+
+    def tool_point(self) -> npt.NDArray[np.float64]:
+        """Where the reference point of the tool was put by the last accepted step. Collective."""
+        return np.array(self._cpp.tool_point(self._index))
+
     # -- Matrices: each access makes a new one, which is the caller's ---------
 
     def _maker(self) -> cpp.ContactProblem:
@@ -339,7 +366,8 @@ class Tie(Interface):
         facet_tags: Facet tags of the mesh, or one for each of the two meshes.
         slave: Tag of the slave facets, which carry the multipliers; the finer side, or the one on
             the softer body. A list of ``(V, facet_tags, tag)`` makes a surface of several bodies.
-        master: Tag of the master facets, or a list as for ``slave``.
+        master: Tag of the master facets, a list as for ``slave``, or a rigid tool (see
+            :class:`RigidTool`).
         multiplier: ``"dual-reproducing"`` (default of ties: at the corners of tri6 and quad8,
             reproduces linear tractions, condensed; elsewhere ``"dual"``), ``"dual-linear"``
             (default of contacts of tri6 slaves on curved masters: at corners, condensed),

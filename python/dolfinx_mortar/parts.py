@@ -25,6 +25,14 @@ class Part(NamedTuple):
     tags: MeshTags
     tag: int
 
+    def checked(self, name: str) -> Part:
+        """The part, whose parts are what they must be.
+
+        Args:
+            name: ``"slave"`` or ``"master"``.
+        """
+        return _check_part(self, name)
+
 
 def communicator(*arguments: Any) -> MPI.Intracomm | None:
     """What the spaces among (nested) arguments have in common; None where there is none."""

@@ -47,6 +47,9 @@ class ContactProblem(memory.Destroyable):
             problem is made and solved.
         condense: Condense the multipliers (default where all are dual); False keeps a saddle
             point.
+        stabilise: Weak springs for bodies that nothing holds but contact, at their nodes, to where
+            a solve begins: stiffness as a share of the nodes' own, such as 1e-3. From one solution
+            to the next they are weakened to a millionth of this; see :attr:`stabilisation`.
         form_compiler_options, jit_options: Passed on to ``fem.form``.
 
     Raises:
@@ -71,6 +74,7 @@ class ContactProblem(memory.Destroyable):
         petsc_options_prefix: str = "mortar_",
         petsc_options: dict[str, Any] | None = None,
         condense: bool | None = None,
+        stabilise: float | None = None,
         form_compiler_options: dict | None = None,
         jit_options: dict | None = None,
     ):
@@ -82,6 +86,7 @@ class ContactProblem(memory.Destroyable):
             self.bcs = _check_conditions(bcs, same)
             self._interfaces = _check_interfaces(interfaces, same)
             same["condense"] = condense
+            same["stabilise"] = arguments.positive("stabilise", stabilise, "a share of stiffness")
             options = _petsc_options(petsc_options_prefix, petsc_options)
             same["petsc_options"] = sorted(
                 cpp.effective_options(petsc_options_prefix, options).items()
@@ -107,6 +112,7 @@ class ContactProblem(memory.Destroyable):
                 options,
                 condense,
                 lambda: _poll(this()),
+                0.0 if stabilise is None else float(stabilise),
             )
         except RuntimeError as error:
             if not str(error).startswith("PETSc failed"):
@@ -141,6 +147,15 @@ class ContactProblem(memory.Destroyable):
     def history(self) -> list[dict]:
         """See the class."""
         return [_as_dict(i) for i in self._cpp_object.history]
+
+    @property
+    def stabilisation(self) -> dict[str, float]:
+        """What the springs of ``stabilise`` did at the end of the last solve.
+
+        ``force`` relative to the contact forces, ``energy``, and ``energy_share`` of the work of
+        the contact forces. A solve at whose end a share is above 1e-3 fails.
+        """
+        return self._cpp_object.stabilisation
 
     @property
     def coupling(self) -> cpp.Coupling:
@@ -266,7 +281,8 @@ class ContactProblem(memory.Destroyable):
     def as_functions(self, values: npt.NDArray, name: str) -> fem.Function | list[fem.Function]:
         """Values of the owned nodes of all bodies, (n, 3), as the displacement. Collective."""
         functions, start = [], 0
-        for V, size in zip(self.spaces, self.coupling.layout.num_owned, strict=True):
+        sizes = self.coupling.layout.num_owned[: len(self.spaces)]  # frames of tools follow
+        for V, size in zip(self.spaces, sizes, strict=True):
             f = fem.Function(V, name=name)
             f.x.array.reshape(-1, 3)[:size] = values[start : start + size]
             f.x.scatter_forward()
@@ -287,9 +303,8 @@ class ContactProblem(memory.Destroyable):
             problem.check_type()
             same["tolerances of snes"] = problem.snes.getTolerances()
             for k, i in enumerate(self._interfaces):
-                if isinstance(i, Contact):
-                    for name, value in i.present_values().items():
-                        same[f"{name} of contact {k}"] = value
+                for name, value in i.present_values().items():
+                    same[f"{name} of interface {k}"] = value
             functions = as_list(self.u)
             if len(functions) != len(self._functions) or any(
                 f is not g for f, g in zip(functions, self._functions, strict=True)
@@ -470,6 +485,8 @@ def _check_interfaces(interfaces: Any, same: dict[str, Any]) -> tuple[Interface,
                 "An interface is part of another ContactProblem already: make a new Tie or "
                 "Contact for each problem."
             )
+        if i.tool is not None:
+            i.tool.check_free()
     same["interfaces"] = [
         (type(i).__name__, [[p.tag for p in side] for side in (i.slave, i.master)])
         for i in interfaces

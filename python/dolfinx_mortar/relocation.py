@@ -1,10 +1,11 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Relocation of slave nodes onto the master surface."""
+"""Slave nodes that are moved onto the master surface."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,8 @@ from dolfinx import fem
 from scipy.spatial import cKDTree
 
 from . import agreement, arguments, cpp, memory
-from .interfaces import Tie
+from .contact import Contact
+from .interfaces import Interface, Tie
 
 
 def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) -> float:
@@ -44,35 +46,80 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     if not isinstance(tie, Tie):
         raise ValueError(
             f"relocate moves the slave nodes of a Tie, not of a {type(tie).__name__}: bodies in "
-            "contact have a gap that is meant."
+            "contact have a gap that is meant. To close small ones there is adjust."
         )
-    with agreement.alike(tie.comm) as same:
-        same["limit"] = arguments.positive("limit", limit)
+    bcs = _check(tie, bcs, "limit", limit)
+    spaces = _spaces(tie)
+    comm = memory.communicator(tie.comm).py2f()
+    motion = cpp.relocate(comm, [V._cpp_object for V in spaces], tie.describe(), bcs, limit)
+    tie.positions = motion.x_slave, motion.x_master
+    _move_meshes(spaces, motion)
+    return motion.largest
+
+
+def adjust(contact: Contact, distance: float, bcs: Sequence[fem.DirichletBC] = ()) -> float:
+    """Move slave nodes of *your* mesh that nearly touch the master onto it. Collective.
+
+    Along their normals, without any stress: small gaps and overlaps of surfaces that are meant to
+    touch, as those of curved surfaces with different meshes, are gone. Call this before forms are
+    assembled and before the problem is created. Only geometry nodes move: straight cells under a
+    second-order displacement follow at their corners.
+
+    Args:
+        contact: Contact, not yet part of a problem; its offset is not looked at.
+        distance: Nodes that are further from the master [length], along their normals, stay.
+        bcs: Dirichlet conditions of the problem; nodes they fix entirely do not move.
+
+    Returns:
+        Largest motion of a node [length].
+    """
+    if not isinstance(contact, Contact):
+        raise ValueError(
+            f"adjust moves the slave nodes of a Contact, not of a {type(contact).__name__}: for "
+            "ties there is relocate."
+        )
+    bcs = _check(contact, bcs, "distance", distance)
+    spaces = _spaces(contact)
+    comm = memory.communicator(contact.comm).py2f()
+    spaces_ = [V._cpp_object for V in spaces]
+    motion = cpp.adjust(comm, spaces_, contact.describe(), bcs, distance)
+    _move_meshes(spaces, motion)
+    return motion.largest
+
+
+def _check(interface: Interface, bcs: Any, name: str, length: Any) -> list:
+    """Refuse what cannot be; Dirichlet conditions as the C++ library takes them. Collective."""
+    with agreement.alike(interface.comm) as same:
+        if length is None:
+            raise ValueError(f"{name} is None, but must be a positive number.")
+        same[name] = arguments.positive(name, length)
         bcs = arguments.as_list(bcs)
         same["number of bcs"] = len(bcs)
-        if tie.problem is not None:
+        if interface.problem is not None:
+            kind = type(interface).__name__.lower()
             raise ValueError(
-                "The tie is part of a ContactProblem already: relocate it before the problem is "
-                "made."
+                f"The {kind} is part of a ContactProblem already: move its nodes before the "
+                "problem is made."
             )
+    return [bc._cpp_object for bc in bcs]
+
+
+def _spaces(interface: Interface) -> list[fem.FunctionSpace]:
+    """Spaces of the bodies of an interface."""
     spaces: list[fem.FunctionSpace] = []
-    for part in [*tie.slave, *tie.master]:
+    for part in [*interface.slave, *([] if interface.tool else interface.master)]:
         if part.V not in spaces:
             spaces.append(part.V)
-    relocation = cpp.relocate(
-        memory.communicator(tie.comm).py2f(),
-        [V._cpp_object for V in spaces],
-        tie.describe(),
-        [bc._cpp_object for bc in bcs],
-        limit,
-    )
-    tie.positions = relocation.x_slave, relocation.x_master
+    return spaces
+
+
+def _move_meshes(spaces: Sequence[fem.FunctionSpace], motion: cpp.Relocation) -> None:
+    """Move the meshes of spaces, the owned nodes of one after the other. Collective."""
     start = 0
     for V in spaces:
         end = start + V.dofmap.index_map.size_local
-        _move_mesh(V, relocation.motion[start:end])
+        _move_mesh(V, motion.motion[start:end])
         start = end
-    return relocation.largest
 
 
 def _move_mesh(V: fem.FunctionSpace, motion: npt.NDArray[np.float64]) -> None:

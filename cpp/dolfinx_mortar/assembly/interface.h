@@ -14,6 +14,23 @@
 
 namespace dolfinx_mortar
 {
+/// @brief The rigid tool that a master surface is on.
+struct Tool
+{
+  /// Displacement blocks of the nodes of its frame (see RigidShape): numbers in
+  /// the coupled problem, and indices among the local blocks of all bodies
+  std::array<std::int64_t, 4> blocks;
+  std::array<std::int32_t, 4> local_blocks;
+
+  /// Reference positions of these nodes, shape (4, 3), and of the reference
+  /// point of the tool
+  std::array<double, 12> X;
+  std::array<double, 3> point;
+
+  /// Analytic surface; the master surface has no nodes and facets then
+  std::optional<RigidShape> shape;
+};
+
 /// @brief An interface between a slave and a master surface, as the assembly
 /// sees it: a description, which does not change.
 ///
@@ -42,6 +59,13 @@ struct Interface
 
   /// Unit normal at all slave nodes, in place of their own
   std::optional<std::array<double, 3>> normal;
+
+  /// What carries the master surface, if that is not a body
+  std::optional<Tool> tool;
+
+  /// The master is an analytic surface, whose normals count in place of the
+  /// slave's
+  bool is_analytic() const { return tool and tool->shape; }
 };
 
 /// @brief What a solve decides about the multipliers of an interface: a part of
@@ -104,7 +128,10 @@ struct Configuration
 /// @param[in] x_slave,x_master Positions of local slave and master nodes,
 /// shapes (n, 3).
 /// @param[in] offset See Configuration.
+/// @param[in] x_frame Positions of the nodes of a tool's frame, where there is
+/// a tool.
 Configuration configure(const Interface& interface, std::vector<double> x_slave,
                         std::vector<double> x_master,
-                        std::vector<double> offset = {});
+                        std::vector<double> offset = {},
+                        const std::array<double, 12>& x_frame = {});
 } // namespace dolfinx_mortar

@@ -123,6 +123,31 @@ void add_normal_derivatives(const Interface& interface,
     normals.add(rows, columns, dn.data());
   }
 }
+/// The same of an analytic tool's normals, at owned nodes.
+void add_tool_derivatives(const Interface& interface,
+                          const Configuration& configuration,
+                          std::span<const std::int8_t> flags,
+                          BlockAccumulator<3, 3>& normals)
+{
+  const Surface& s = interface.slave;
+  const Frame& tool = *configuration.candidates.master.frame;
+  const FrameView frame(tool.x);
+  Eigen::Matrix<double, 3, 15> d;
+  Eigen::Matrix<double, 3, 15, Eigen::RowMajor> rows;
+  for (std::int32_t k = 0; k < s.num_owned; ++k)
+  {
+    if (!flags[k])
+      continue;
+    opposing_normal(
+        *tool.shape, frame,
+        Eigen::Vector3d(configuration.x_slave.data() + 3 * k),
+        std::span<const std::int8_t, 3>(interface.fixed.data() + 3 * k, 3), &d);
+    rows = d;
+    std::vector<std::int64_t> columns = {s.blocks[k]};
+    columns.insert(columns.end(), tool.blocks.begin(), tool.blocks.end());
+    normals.add(std::span(&interface.multipliers[k], 1), columns, rows.data());
+  }
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -185,7 +210,12 @@ void dolfinx_mortar::add_current_derivatives(
     }
   }
   // A given normal does not turn
-  if (!interface.normal)
+  if (interface.is_analytic())
+  {
+    add_tool_derivatives(interface, configuration,
+                         nodes_around_contact(s, closed), derivatives.normals);
+  }
+  else if (!interface.normal)
   {
     add_normal_derivatives(interface, configuration,
                            nodes_around_contact(s, closed),

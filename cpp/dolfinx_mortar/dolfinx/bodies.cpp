@@ -86,6 +86,35 @@ double mean_cell_size(MPI_Comm comm, const Mesh& mesh)
   return sum(comm, total) / sum(comm, static_cast<std::int64_t>(num));
 }
 
+/// The four nodes of a frame: on rank 0, and known to all others. Collective.
+std::shared_ptr<const dolfinx::common::IndexMap>
+create_frame_map(MPI_Comm comm)
+{
+  int rank;
+  MPI_Comm_rank(comm, &rank);
+  if (rank == 0)
+  {
+    return std::make_shared<dolfinx::common::IndexMap>(
+        comm, 4, std::vector<std::int64_t>{}, std::vector<int>{});
+  }
+  return std::make_shared<dolfinx::common::IndexMap>(
+      comm, 0, std::vector<std::int64_t>{0, 1, 2, 3}, std::vector<int>(4, 0));
+}
+
+/// Largest side of the box around positions of all ranks. Collective.
+double extent(MPI_Comm comm, std::span<const double> x)
+{
+  std::array<double, 6> box;
+  box.fill(std::numeric_limits<double>::infinity());
+  for (std::size_t i = 0; i < x.size(); ++i)
+  {
+    box[i % 3] = std::min(box[i % 3], x[i]);
+    box[3 + i % 3] = std::min(box[3 + i % 3], -x[i]);
+  }
+  MPI_Allreduce(MPI_IN_PLACE, box.data(), 6, MPI_DOUBLE, MPI_MIN, comm);
+  return std::max({-box[3] - box[0], -box[4] - box[1], -box[5] - box[2]});
+}
+
 /// Values of a function's local blocks.
 std::span<double> values_of(const Body& body)
 {
@@ -152,7 +181,8 @@ tabulate_cell(const Space& V)
 
 //-----------------------------------------------------------------------------
 Layout dolfinx_mortar::create_layout(
-    MPI_Comm comm, std::span<const std::shared_ptr<const Space>> spaces)
+    MPI_Comm comm, std::span<const std::shared_ptr<const Space>> spaces,
+    std::span<const std::shared_ptr<const RigidTool>> tools)
 {
   Layout layout;
   layout.comm = comm;
@@ -162,6 +192,10 @@ Layout dolfinx_mortar::create_layout(
     check_displacements(*V);
     maps.push_back(*V->dofmap()->index_map);
   }
+  const std::shared_ptr<const dolfinx::common::IndexMap> four
+      = tools.empty() ? nullptr : create_frame_map(comm);
+  for (std::size_t t = 0; t < tools.size(); ++t)
+    maps.push_back(*four);
   layout.blocks = number_blocks(maps);
   std::vector<double> parts;
   for (std::size_t b = 0; b < spaces.size(); ++b)
@@ -176,6 +210,17 @@ Layout dolfinx_mortar::create_layout(
     const std::vector<double> own = connected_parts(comm, V, layout.blocks[b]);
     parts.insert(parts.end(), own.begin(), own.end());
     layout.cell_sizes.push_back(mean_cell_size(comm, *V.mesh()));
+  }
+  const double length = tools.empty() ? 0 : extent(comm, layout.X);
+  for (std::size_t t = 0; t < tools.size(); ++t)
+  {
+    const std::size_t b = spaces.size() + t;
+    layout.num_owned.push_back(four->size_local());
+    layout.num_local.push_back(4);
+    const std::array<double, 12> X = tools[t]->frame(length);
+    layout.X.insert(layout.X.end(), X.begin(), X.end());
+    parts.insert(parts.end(), 4, layout.blocks[b][0]);
+    layout.cell_sizes.push_back(length);
   }
   layout.first_block = first_of_rank(comm, layout.num_blocks());
 
@@ -231,6 +276,8 @@ std::vector<std::int8_t> dolfinx_mortar::prescribed_dofs(
     for (std::int32_t dof : bc->dof_indices().first)
       flags[start + dof] = 1;
   }
+  std::fill(flags.begin() + 3 * layout.local_start(spaces.size()), flags.end(),
+            1);
   return flags;
 }
 //-----------------------------------------------------------------------------
@@ -255,15 +302,51 @@ Surface dolfinx_mortar::create_surface(
   return create_surface(found);
 }
 //-----------------------------------------------------------------------------
-Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
-               std::vector<std::shared_ptr<const DirichletBC>> bcs)
-    : _bodies(std::move(bodies))
+Surface
+dolfinx_mortar::create_tool_surface(std::span<const TaggedFacets> parts,
+                                    std::int32_t frame)
 {
-  _layout = create_layout(comm, spaces());
+  std::vector<std::shared_ptr<const Space>> spaces;
+  std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> maps;
+  for (const TaggedFacets& part : parts)
+  {
+    if (std::ranges::find(spaces, part.V) != spaces.end())
+      continue;
+    spaces.push_back(part.V);
+    maps.push_back(*part.V->dofmap()->index_map);
+  }
+  Layout own;
+  own.blocks = number_blocks(maps);
+  for (const auto& map : maps)
+  {
+    own.num_owned.push_back(map.get().size_local());
+    own.num_local.push_back(map.get().size_local() + map.get().num_ghosts());
+  }
+  Surface s = create_surface(own, spaces, parts, "master");
+  std::ranges::fill(s.local_blocks, frame);
+  return s;
+}
+//-----------------------------------------------------------------------------
+Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
+               std::vector<std::shared_ptr<const DirichletBC>> bcs,
+               std::vector<std::shared_ptr<const RigidTool>> tools)
+    : _bodies(std::move(bodies)), _tools(std::move(tools))
+{
+  _layout = create_layout(comm, spaces(), _tools);
+  for (std::size_t t = 0; t < _tools.size(); ++t)
+    _tool_displacements.push_back(_tools[t]->displacements(frame(t)));
   set_conditions(std::move(bcs));
   for (const Body& body : _bodies)
     _tangents.emplace_back(dolfinx::fem::petsc::create_matrix(*body.J));
   _checksums = checksums();
+}
+//-----------------------------------------------------------------------------
+std::array<double, 12> Bodies::frame(std::size_t tool) const
+{
+  std::array<double, 12> X;
+  const std::int32_t start = _layout.local_start(_bodies.size() + tool);
+  std::copy_n(_layout.X.begin() + 3 * start, 12, X.begin());
+  return X;
 }
 //-----------------------------------------------------------------------------
 std::vector<std::shared_ptr<const FunctionSpace>> Bodies::spaces() const
@@ -294,6 +377,8 @@ std::vector<double> Bodies::local_displacements() const
     const std::span<double> x = values_of(_bodies[b]);
     u.insert(u.end(), x.begin(), x.begin() + 3 * _layout.num_local[b]);
   }
+  for (const std::array<double, 12>& d : _tool_displacements)
+    u.insert(u.end(), d.begin(), d.end());
   return u;
 }
 //-----------------------------------------------------------------------------
@@ -311,7 +396,24 @@ std::vector<double> Bodies::extend(std::span<const double> owned) const
     v.scatter_fwd();
     local.insert(local.end(), x.begin(), x.end());
   }
+  for (const auto& d : tool_values(owned))
+    local.insert(local.end(), d.begin(), d.end());
   return local;
+}
+//-----------------------------------------------------------------------------
+std::vector<std::array<double, 12>>
+Bodies::tool_values(std::span<const double> owned) const
+{
+  std::vector<std::array<double, 12>> values(_tools.size());
+  for (std::size_t t = 0; t < _tools.size(); ++t)
+  {
+    const std::size_t b = _bodies.size() + t;
+    std::ranges::copy(
+        owned.subspan(3 * _layout.owned_start(b), 3 * _layout.num_owned[b]),
+        values[t].begin());
+  }
+  MPI_Bcast(values.data(), 12 * values.size(), MPI_DOUBLE, 0, _layout.comm);
+  return values;
 }
 //-----------------------------------------------------------------------------
 void Bodies::set_displacements(std::span<const double> owned)
@@ -323,6 +425,7 @@ void Bodies::set_displacements(std::span<const double> owned)
         values_of(_bodies[b]).begin());
     _bodies[b].u->x()->scatter_fwd();
   }
+  _tool_displacements = tool_values(owned);
 }
 //-----------------------------------------------------------------------------
 std::vector<double> Bodies::residual() const
@@ -338,6 +441,7 @@ std::vector<double> Bodies::residual() const
     v.scatter_rev(std::plus<double>());
     f.insert(f.end(), x.begin(), x.begin() + 3 * _layout.num_owned[b]);
   }
+  f.resize(_layout.size(), 0.0); // nothing but contact acts on tools
   return f;
 }
 //-----------------------------------------------------------------------------
@@ -354,12 +458,22 @@ Matrix Bodies::tangent() const
     check(MatAssemblyBegin(A, MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
     check(MatAssemblyEnd(A, MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
   }
-  if (_tangents.size() == 1)
+  if (_tangents.size() == 1 and _tools.empty())
     return _tangents.front();
-  const std::size_t n = _tangents.size();
+  const std::size_t n = _layout.num_bodies();
   std::vector<Mat> blocks(n * n, nullptr);
-  for (std::size_t b = 0; b < n; ++b)
+  for (std::size_t b = 0; b < _tangents.size(); ++b)
     blocks[n * b + b] = _tangents[b].get();
+  std::vector<Matrix> zeros;
+  for (std::size_t b = _tangents.size(); b < n; ++b)
+  {
+    const PetscInt size = 3 * _layout.num_owned[b];
+    std::vector<Entry> diagonal;
+    for (PetscInt i = 0; i < size; ++i)
+      diagonal.push_back({i, i, 0.0});
+    zeros.push_back(create_from_entries(_layout.comm, size, size, diagonal));
+    blocks[n * b + b] = zeros.back().get();
+  }
   Matrix nest, K;
   check(MatCreateNest(_layout.comm, n, nullptr, n, nullptr, blocks.data(),
                       nest.put()),
@@ -383,6 +497,12 @@ std::vector<double> Bodies::prescribed_values() const
     const std::span<double> own = std::span(local).subspan(
         3 * _layout.local_start(b), 3 * _layout.num_local[b]);
     bc->set(own, std::nullopt, 1.0);
+  }
+  for (std::size_t t = 0; t < _tools.size(); ++t)
+  {
+    std::ranges::copy(
+        _tools[t]->displacements(frame(t)),
+        local.begin() + 3 * _layout.local_start(_bodies.size() + t));
   }
   return _layout.owned(local, 3);
 }

@@ -11,6 +11,7 @@
 #include <dolfinx/mesh/MeshTags.h>
 #include <dolfinx_mortar/assembly/layout.h>
 #include <dolfinx_mortar/assembly/petsc.h>
+#include <dolfinx_mortar/geometry/rigid_tool.h>
 #include <dolfinx_mortar/surface/surface.h>
 #include <memory>
 #include <span>
@@ -41,13 +42,16 @@ struct TaggedFacets
 };
 
 /// @brief Number, extent and connected parts of the displacement dofs of
-/// several spaces. Collective.
+/// several spaces, and of the frames of rigid tools, which come after them as
+/// bodies of four blocks that rank 0 owns. Collective.
 /// @param[in] comm Communicator of matrices and vectors; of the ranks of the
 /// meshes, in their order.
 /// @param[in] spaces Displacement spaces.
+/// @param[in] tools Rigid tools.
 Layout
 create_layout(MPI_Comm comm,
-              std::span<const std::shared_ptr<const FunctionSpace>> spaces);
+              std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+              std::span<const std::shared_ptr<const RigidTool>> tools = {});
 
 /// @brief Index of the space that a Dirichlet condition is on.
 /// @throw std::invalid_argument It is on none of the spaces.
@@ -56,7 +60,7 @@ space_of(std::span<const std::shared_ptr<const FunctionSpace>> spaces,
          const DirichletBC& bc);
 
 /// @brief Non-zero for local displacements with a Dirichlet condition, shape
-/// (num_local_blocks, 3).
+/// (num_local_blocks, 3). Tools are prescribed.
 std::vector<std::int8_t>
 prescribed_dofs(const Layout& layout,
                 std::span<const std::shared_ptr<const FunctionSpace>> spaces,
@@ -74,8 +78,16 @@ create_surface(const Layout& layout,
                std::span<const std::shared_ptr<const FunctionSpace>> spaces,
                std::span<const TaggedFacets> parts, const std::string& side);
 
+/// @brief The surface that tagged facets of a rigid tool make up; its nodes are
+/// numbered among themselves, and on the frame of the tool. Collective.
+/// @param[in] parts Facets, on spaces of the tool's own.
+/// @param[in] frame The first block of the frame among the local blocks of all
+/// bodies.
+Surface create_tool_surface(std::span<const TaggedFacets> parts,
+                            std::int32_t frame);
+
 /// @brief Forms, displacements and Dirichlet conditions of the bodies of a
-/// problem, without what happens between them.
+/// problem, and the rigid tools, without what happens between them.
 class Bodies
 {
 public:
@@ -83,13 +95,21 @@ public:
   /// @param[in] comm Communicator, see create_layout.
   /// @param[in] bodies One for each displacement space.
   /// @param[in] bcs Dirichlet conditions of all bodies.
+  /// @param[in] tools Rigid tools, which stand where their motion puts them
+  /// now; what they are told later is prescribed like a Dirichlet condition.
   /// @throw std::invalid_argument A condition is on none of the spaces.
   Bodies(MPI_Comm comm, std::vector<Body> bodies,
-         std::vector<std::shared_ptr<const DirichletBC>> bcs);
+         std::vector<std::shared_ptr<const DirichletBC>> bcs,
+         std::vector<std::shared_ptr<const RigidTool>> tools = {});
 
   const Layout& layout() const { return _layout; }
 
   const std::vector<Body>& bodies() const { return _bodies; }
+
+  const std::vector<std::shared_ptr<const RigidTool>>& tools() const
+  {
+    return _tools;
+  }
 
   /// @brief Displacement space of each body.
   std::vector<std::shared_ptr<const FunctionSpace>> spaces() const;
@@ -146,7 +166,16 @@ public:
 private:
   std::vector<std::size_t> checksums() const;
 
+  /// Values of the frames of tools, of those of the owned blocks. Collective.
+  std::vector<std::array<double, 12>>
+  tool_values(std::span<const double> owned) const;
+
+  /// Reference positions of the frame of a tool.
+  std::array<double, 12> frame(std::size_t tool) const;
+
   std::vector<Body> _bodies;
+  std::vector<std::shared_ptr<const RigidTool>> _tools;
+  std::vector<std::array<double, 12>> _tool_displacements;
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
   std::vector<Matrix> _tangents;

@@ -31,6 +31,14 @@ struct PairPoints
   /// n_m)); empty unless asked for
   std::vector<double> d;
 
+  /// On an analytic tool, in place of `eta`: functions of its frame at the
+  /// closest point, and their derivatives along two tangents there, shape
+  /// (num_points, 3, 4). ξ is fixed then, and η are lengths along the tangents
+  std::vector<double> frame;
+
+  /// Outward unit normals of the tool, shape (num_points, 3)
+  std::vector<double> normals;
+
   /// Area of parts of the overlap that are left out: slivers, masters that are
   /// too steep, and points with no place on the master
   double dropped_area = 0;
@@ -41,6 +49,8 @@ struct PairPoints
     eta.clear();
     w.clear();
     d.clear();
+    frame.clear();
+    normals.clear();
     dropped_area = 0;
   }
 };

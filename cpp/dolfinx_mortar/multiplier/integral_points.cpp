@@ -112,6 +112,22 @@ void FacetIntegrator::copy_masters(const FacetList& list,
   }
 }
 //-----------------------------------------------------------------------------
+void FacetIntegrator::sample_shape(const Frame& frame, bool derivatives)
+{
+  const FacetView& slave = _facet.slave;
+  _facet.x_masters.clear();
+  append_relative(frame.x, slave.origin, _facet.x_masters);
+  // What is asked of it are positions, not the type
+  _facet.masters.assign(
+      1, {FacetType::quad4, 1, _facet.x_masters, slave.origin});
+  _points[0].clear();
+  const int degree
+      = _options.degree.value_or(default_degree(slave.type, slave.type));
+  append_shape_points(slave, *frame.shape, _facet.x_masters,
+                      whole_rule(slave.type, degree),
+                      AngleLimits(_options.max_angle), derivatives, _points[0]);
+}
+//-----------------------------------------------------------------------------
 void FacetIntegrator::sample(const FacetList& list,
                              std::span<const std::int32_t> masters,
                              bool derivatives)
@@ -121,6 +137,11 @@ void FacetIntegrator::sample(const FacetList& list,
   {
     _points.resize(num_pairs);
     _shapes.resize(num_pairs);
+  }
+  if (_facet.analytic)
+  {
+    sample_shape(*list.frame, derivatives);
+    return;
   }
   copy_masters(list, masters);
   const std::vector<FacetView>& views = _facet.masters;
@@ -184,7 +205,16 @@ void FacetIntegrator::tabulate_shapes(FacetType master,
                                       bool derivatives, PairShapes& out) const
 {
   tabulate_at(_facet.slave.type, points.xi, derivatives, out.N, out.dN);
-  tabulate_at(master, points.eta, derivatives, out.Nm, out.dNm);
+  if (_facet.analytic)
+  {
+    using Rows = Eigen::Map<const RowMatrix, 0, Eigen::OuterStride<12>>;
+    const Eigen::Index size = points.w.size();
+    out.Nm = Rows(points.frame.data(), size, 4);
+    for (int a = 0; a < 2; ++a)
+      out.dNm[a] = Rows(points.frame.data() + 4 * (a + 1), size, 4);
+  }
+  else
+    tabulate_at(master, points.eta, derivatives, out.Nm, out.dNm);
   out.psi.resize(0, 0);
   if (_facet.reproducing)
   {

@@ -46,6 +46,15 @@ RowMatrix extension(std::span<const std::int8_t> has_multiplier, int num_lambda)
   }
   return X;
 }
+
+/// Mean of the normals of an analytic tool at the points of a facet.
+Vec3 mean_normal(const PairPoints& points)
+{
+  Vec3 sum = Vec3::Zero();
+  for (std::size_t q = 0; q < points.w.size(); ++q)
+    sum += points.w[q] * Vec3(points.normals.data() + 3 * q);
+  return sum.normalized();
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -71,6 +80,15 @@ const QuadratureRule& FacetIntegrator::rule(FacetType slave, FacetType master)
   auto it = _rules.find(key);
   if (it == _rules.end())
     it = _rules.emplace(key, create_rule(corners, degree)).first;
+  return it->second;
+}
+//-----------------------------------------------------------------------------
+const QuadratureRule& FacetIntegrator::whole_rule(FacetType type, int degree)
+{
+  const int corners = num_corners(type);
+  auto [it, made] = _rules.try_emplace({corners, degree, 0});
+  if (made)
+    it->second = create_rule(corners, degree);
   return it->second;
 }
 //-----------------------------------------------------------------------------
@@ -101,11 +119,8 @@ double FacetIntegrator::lost_share()
   if (_result.dropped_area == 0)
     return 0;
   const FacetType type = _facet.slave.type;
-  const int corners = num_corners(type), degree = 2 * total_degree(type);
-  auto [it, made] = _rules.try_emplace({corners, degree, 0});
-  if (made)
-    it->second = create_rule(corners, degree);
-  const double area = facet_area(_facet.slave, it->second);
+  const double area
+      = facet_area(_facet.slave, whole_rule(type, 2 * total_degree(type)));
   return std::clamp(std::min(_result.dropped_area, area - _result.area) / area,
                     0.0, 1.0);
 }
@@ -125,6 +140,12 @@ void FacetIntegrator::number_masters(const FacetList& list,
       continue;
     _facet.pairs.push_back(p);
     _facet.columns[p].clear();
+    if (_facet.analytic)
+    {
+      blocks.assign(list.frame->blocks.begin(), list.frame->blocks.end());
+      _facet.columns[p] = {0, 1, 2, 3};
+      continue;
+    }
     const std::int32_t f = masters[p];
     for (std::int32_t i = list.offsets[f]; i < list.offsets[f + 1]; ++i)
     {
@@ -168,8 +189,9 @@ double FacetIntegrator::integrate_products(bool derivatives)
     if (_facet.reproducing)
       coverage.head(nl) = base.transpose() * w;
     _result.coverage += coverage;
-    _result.master_normal.noalias()
-        += coverage * corner_normal(master).transpose();
+    const Vec3 normal = _facet.analytic ? mean_normal(_points[p])
+                                        : corner_normal(master);
+    _result.master_normal.noalias() += coverage * normal.transpose();
     WN = base.array().colwise() * w.array();
     _facet.S.noalias() += WN.transpose() * s.Nt;
     _facet.b.noalias() += WN.transpose() * s.field;
@@ -182,11 +204,11 @@ double FacetIntegrator::integrate_products(bool derivatives)
 //-----------------------------------------------------------------------------
 bool FacetIntegrator::distant(double nearest) const
 {
-  if (!_options.leave_distant)
+  if (!_options.leave_distant or (_facet.analytic and !_options.distance))
     return false;
   double reach = diameter(_facet.slave);
   for (int p : _facet.pairs)
-    reach = std::max(reach, diameter(_facet.masters[p]));
+    reach = std::max(reach, _facet.analytic ? 0 : diameter(_facet.masters[p]));
   return nearest > _options.distance.value_or(reach);
 }
 //-----------------------------------------------------------------------------
@@ -277,6 +299,51 @@ bool FacetIntegrator::weigh(std::span<const std::int8_t> has_multiplier)
   return true;
 }
 //-----------------------------------------------------------------------------
+void FacetIntegrator::carry_by_frame(const FacetList& list,
+                                     std::span<const std::int32_t> masters,
+                                     Derivatives derivatives)
+{
+  FacetIntegrals& r = _result;
+  const int n = _facet.n, m = _facet.m;
+  const FrameView frame(list.frame->x);
+  RowMatrix W = RowMatrix::Zero(m, 4); // x_l = Σ W_lf x_f
+  for (int p : _facet.pairs)
+  {
+    const std::int32_t begin = list.offsets[masters[p]];
+    for (std::size_t i = 0; i < _facet.columns[p].size(); ++i)
+    {
+      const Vec3 x(list.x.data() + 3 * (begin + i));
+      W.row(_facet.columns[p][i])
+          = frame_functions(frame.coordinates(x)).transpose();
+    }
+  }
+  r.master_blocks.assign(list.frame->blocks.begin(), list.frame->blocks.end());
+  r.M = RowMatrix(r.M * W);
+  if (derivatives == Derivatives::none)
+    return;
+  auto gather_columns = [&](RowMatrix& A)
+  {
+    RowMatrix B = RowMatrix::Zero(A.rows(), 3 * (n + 4));
+    B.leftCols(3 * n) = A.leftCols(3 * n);
+    for (int l = 0; l < m; ++l)
+    {
+      for (int f = 0; f < 4; ++f)
+      {
+        B.middleCols(3 * (n + f), 3)
+            += W(l, f) * A.middleCols(3 * (n + l), 3);
+      }
+    }
+    A = std::move(B);
+  };
+  gather_columns(r.d_gap);
+  if (derivatives == Derivatives::gap_and_slip)
+    gather_columns(r.d_jump);
+  gather_columns(r.d_force);
+  RowMatrix by_rows = r.d_force.transpose();
+  gather_columns(by_rows);
+  r.d_force = by_rows.transpose();
+}
+//-----------------------------------------------------------------------------
 const FacetIntegrals& FacetIntegrator::compute(
     const FacetView& slave, std::span<const double> normals,
     std::span<const std::int8_t> has_multiplier,
@@ -287,6 +354,7 @@ const FacetIntegrals& FacetIntegrator::compute(
   const bool derive = derivatives != Derivatives::none;
   start(slave, normals);
   _facet.offset = offset;
+  _facet.analytic = list.frame and list.frame->shape;
   sample(list, masters, derive);
   number_masters(list, masters);
   if (_facet.pairs.empty())
@@ -347,5 +415,7 @@ const FacetIntegrals& FacetIntegrator::compute(
   _result.nearest = nearest;
   if (derive)
     differentiate(z, derivatives);
+  if (list.frame and !_facet.analytic)
+    carry_by_frame(list, masters, derivatives);
   return _result;
 }

@@ -33,7 +33,8 @@ using RowMatrix
 /// respect to the positions of the n slave nodes, then of the m master nodes.
 struct FacetIntegrals
 {
-  /// Displacement blocks of the m master nodes
+  /// Displacement blocks of the m master nodes; of the four nodes of its frame,
+  /// where the master is a rigid tool
   std::vector<std::int64_t> master_blocks;
 
   /// False where no master covers any part of the facet (nothing else is set)
@@ -126,7 +127,8 @@ public:
   /// transformation; shape (n) or empty.
   /// @param[in] z Nodal multipliers, shape (n, 3); used for derivatives only.
   /// @param[in] list Facets that `masters` refers to.
-  /// @param[in] masters Candidate master facets.
+  /// @param[in] masters Candidate master facets; one index where the list is an
+  /// analytic tool.
   /// @param[in] derivatives Derivatives to compute.
   /// @param[in] offset What is added to the gap, Σ N_k offset_k; shape (n), or
   /// empty for nothing.
@@ -185,6 +187,7 @@ private:
     int n = 0, nl = 0, m = 0; // its nodes, those with a Φ, nodes of masters
     FacetMatrix T, T_inv;     // basis transformation
 
+    bool analytic = false;                 // master is an analytic tool
     std::vector<FacetView> masters;        // all candidates
     std::vector<int> pairs;                // candidates that have points
     std::vector<std::vector<int>> columns; // of M, for the nodes of each
@@ -208,6 +211,9 @@ private:
   /// @brief Rule for a pair, made once.
   const QuadratureRule& rule(FacetType slave, FacetType master);
 
+  /// @brief Rule for a whole facet, made once.
+  const QuadratureRule& whole_rule(FacetType type, int degree);
+
   /// @brief Forget the last facet.
   void start(const FacetView& slave, std::span<const double> normals);
 
@@ -223,6 +229,15 @@ private:
 
   /// @brief What is lost for the part of the facet that is covered.
   double lost_share();
+
+  /// @brief Quadrature points of the facet and an analytic tool.
+  void sample_shape(const Frame& frame, bool derivatives);
+
+  /// @brief Let the frame of a rigid tool stand for the nodes of its facets;
+  /// after everything else.
+  void carry_by_frame(const FacetList& list,
+                      std::span<const std::int32_t> masters,
+                      Derivatives derivatives);
 
   /// @brief Quadrature points of all pairs (γ_c, where the integrals of
   /// equations 3.5 to 3.7 are taken).

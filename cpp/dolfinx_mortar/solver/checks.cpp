@@ -45,20 +45,27 @@ std::array<double, 3> point(std::span<const double> x, std::size_t k)
 }
 
 /// Lower and upper corners of the boxes around all separate bodies. Collective.
+/// @param[in] x_tool Positions of the nodes of a tool's surface.
+/// @param[in] tool Part that they are on, where there are any.
 std::vector<double> body_boxes(const Layout& layout,
-                               const std::vector<double>& u)
+                               const std::vector<double>& u,
+                               std::span<const double> x_tool,
+                               std::int32_t tool)
 {
   std::vector<double> boxes(6 * layout.num_parts, infinity);
+  auto add = [&](std::int32_t part, int c, double x)
+  {
+    double* box = boxes.data() + 6 * part;
+    box[c] = std::min(box[c], x);
+    box[3 + c] = std::min(box[3 + c], -x);
+  };
   for (std::size_t k = 0; k < layout.parts.size(); ++k)
   {
     for (int c = 0; c < 3; ++c)
-    {
-      const double x = layout.X[3 * k + c] + u[3 * k + c];
-      double* box = boxes.data() + 6 * layout.parts[k];
-      box[c] = std::min(box[c], x);
-      box[3 + c] = std::min(box[3 + c], -x);
-    }
+      add(layout.parts[k], c, layout.X[3 * k + c] + u[3 * k + c]);
   }
+  for (std::size_t i = 0; i < x_tool.size(); ++i)
+    add(tool, i % 3, x_tool[i]);
   MPI_Allreduce(MPI_IN_PLACE, boxes.data(), boxes.size(), MPI_DOUBLE, MPI_MIN,
                 layout.comm);
   for (std::size_t i = 0; i < boxes.size(); ++i)
@@ -126,29 +133,43 @@ Depth dolfinx_mortar::find_deep_facet(const Coupling& coupling, std::size_t i,
                                       const InterfaceGeometry& geometry,
                                       const std::vector<double>& u)
 {
-  const Interface& data = coupling.interfaces[i].data;
-  if (data.options.distance)
-    return {}; // what lies further apart is not to meet, says the user
+  const CoupledInterface& c = coupling.interfaces[i];
+  const Interface& data = c.data;
+  // What lies further apart is not to meet, says the user. An analytic tool
+  // meets all facets that face it
+  if (data.options.distance or data.is_analytic())
+    return {};
   std::vector<std::int8_t> uncovered;
   for (double area : geometry.nodal.facet_area)
     uncovered.push_back(area == 0);
-  return find_overlap(data.slave, current_positions(data.slave, u), uncovered,
-                      facet_bodies(coupling.layout, data.slave), data.master,
-                      current_positions(data.master, u),
-                      facet_bodies(coupling.layout, data.master),
-                      body_boxes(coupling.layout, u));
+  const Positions x = interface_positions(c, &u);
+  const bool carried = data.tool.has_value();
+  const std::int32_t part
+      = carried ? coupling.layout.parts[data.tool->local_blocks[0]] : 0;
+  return find_overlap(
+      data.slave, x.slave, uncovered, facet_bodies(coupling.layout, data.slave),
+      data.master, x.master, facet_bodies(coupling.layout, data.master),
+      body_boxes(coupling.layout, u,
+                 carried ? std::span<const double>(x.master)
+                         : std::span<const double>(),
+                 part));
 }
 //-----------------------------------------------------------------------------
 Depth dolfinx_mortar::find_passage(const Coupling& coupling, std::size_t i,
                                    const std::vector<double>& before,
                                    const std::vector<double>& after)
 {
-  const Interface& data = coupling.interfaces[i].data;
-  return find_crossing(data.slave, current_positions(data.slave, before),
-                       current_positions(data.slave, after), data.master,
-                       current_positions(data.master, before),
-                       current_positions(data.master, after),
-                       data.options.distance);
+  const CoupledInterface& c = coupling.interfaces[i];
+  const Interface& data = c.data;
+  const Positions a = interface_positions(c, &before),
+                  b = interface_positions(c, &after);
+  if (data.is_analytic())
+  {
+    return find_shape_crossing(data.slave, *data.tool->shape, a.slave, a.frame,
+                               b.slave, b.frame);
+  }
+  return find_crossing(data.slave, a.slave, b.slave, data.master, a.master,
+                       b.master, data.options.distance);
 }
 //-----------------------------------------------------------------------------
 std::optional<Located>

@@ -87,6 +87,8 @@ MultiplierSpace usual_space(bool is_tie, bool tri6_on_curved)
 /// Collective.
 bool is_tri6_on_curved(const Coupling& c, const CoupledInterface& i)
 {
+  if (i.data.is_analytic())
+    return false; // an exact surface has no kinks
   const std::vector<FacetType>& types = i.data.slave.types;
   const bool here = std::ranges::find(types, FacetType::tri6) != types.end();
   return any(c.comm(), here)
@@ -215,7 +217,9 @@ void check_normal(const Coupling& c, const CoupledInterface& i)
     return;
   Interface own = i.data;
   own.normal.reset();
-  const Configuration conf = configure(own, own.slave.X, own.master.X);
+  const Configuration conf
+      = configure(own, own.slave.X, own.master.X, {},
+                  own.tool ? own.tool->X : std::array<double, 12>{});
   const Basis basis = create_basis(own);
   const NodalIntegrals nodal = integrate(own, basis, conf);
   const std::vector<double> weights
@@ -244,6 +248,22 @@ void check_normal(const Coupling& c, const CoupledInterface& i)
                                 + " where it faces the master: give the "
                                   "direction from the slave to the master.");
   }
+}
+
+/// Positions of the nodes of a tool's surface.
+std::vector<double> carried_positions(const Tool& tool,
+                                      const std::vector<double>& X,
+                                      const std::array<double, 12>& x_frame)
+{
+  const FrameView reference(tool.X), current(x_frame);
+  std::vector<double> x(X.size());
+  for (std::size_t k = 0; k < X.size(); k += 3)
+  {
+    Eigen::Map<Vec3>(x.data() + k)
+        = current.origin
+          + current.axes * reference.coordinates(Vec3(X.data() + k));
+  }
+  return x;
 }
 
 /// Displacement blocks of the owned nodes, where some are the same on any rank.
@@ -327,16 +347,47 @@ std::vector<double> dolfinx_mortar::local_multipliers(const Coupling& coupling,
   return local;
 }
 //-----------------------------------------------------------------------------
-std::pair<std::vector<double>, std::vector<double>>
+Positions
 dolfinx_mortar::interface_positions(const CoupledInterface& interface,
                                     const std::vector<double>* u)
 {
   const Interface& i = interface.data;
+  Positions p;
+  if (i.tool)
+  {
+    p.frame = i.tool->X;
+    for (int l = 0; u and l < 4; ++l)
+    {
+      for (int c = 0; c < 3; ++c)
+        p.frame[3 * l + c] += (*u)[3 * i.tool->local_blocks[l] + c];
+    }
+  }
   if (u)
-    return {current_positions(i.slave, *u), current_positions(i.master, *u)};
-  if (!interface.x_slave.empty())
-    return {interface.x_slave, interface.x_master};
-  return {i.slave.X, i.master.X};
+  {
+    p.slave = current_positions(i.slave, *u);
+    p.master = i.tool ? carried_positions(*i.tool, i.master.X, p.frame)
+                      : current_positions(i.master, *u);
+  }
+  else if (!interface.x_slave.empty())
+  {
+    p.slave = interface.x_slave;
+    p.master = interface.x_master;
+  }
+  else
+  {
+    p.slave = i.slave.X;
+    p.master = i.master.X;
+  }
+  return p;
+}
+//-----------------------------------------------------------------------------
+Configuration dolfinx_mortar::configure(const CoupledInterface& interface,
+                                        Positions positions,
+                                        std::vector<double> offset)
+{
+  return configure(interface.data, std::move(positions.slave),
+                   std::move(positions.master), std::move(offset),
+                   positions.frame);
 }
 //-----------------------------------------------------------------------------
 std::vector<std::int8_t> dolfinx_mortar::tied_dofs(const CoupledInterface& tie,

@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <dolfinx_mortar/assembly/layout.h>
 #include <dolfinx_mortar/assembly/mortar.h>
@@ -131,14 +132,26 @@ Coupling create_coupling(Layout layout,
 std::vector<double> local_multipliers(const Coupling& coupling, std::size_t i,
                                       std::span<const double> z);
 
-/// @brief Positions of the local slave and master nodes of an interface.
-/// Collective.
+/// @brief Where an interface is.
+struct Positions
+{
+  /// Local slave and master nodes, shapes (n, 3)
+  std::vector<double> slave, master;
+
+  /// Nodes of the frame of a tool, shape (4, 3); where there is one
+  std::array<double, 12> frame = {};
+};
+
+/// @brief Positions of the nodes of an interface. Collective.
 /// @param[in] interface Interface.
 /// @param[in] u Displacements of the local blocks of all bodies; null for the
 /// reference configuration.
-std::pair<std::vector<double>, std::vector<double>>
-interface_positions(const CoupledInterface& interface,
-                    const std::vector<double>* u);
+Positions interface_positions(const CoupledInterface& interface,
+                              const std::vector<double>* u);
+
+/// @brief Find what meets at some positions, see configure. Collective.
+Configuration configure(const CoupledInterface& interface, Positions positions,
+                        std::vector<double> offset = {});
 
 /// @brief Non-zero for the multiplier dofs of a tie whose condition is that of
 /// the tie, shape (num_owned, 3).

@@ -61,10 +61,10 @@ std::pair<Matrix, Matrix> evaluate_geometry(const Coupling& coupling,
       e.interfaces[i].geometry = step.geometry[i];
       if (c.is_tie())
         continue;
-      auto [x, y] = interface_positions(c, c.is_current() ? &u_local : nullptr);
       which.push_back(i);
-      configurations.push_back(configure(c.data, std::move(x), std::move(y),
-                                         step.settings.offset[i]));
+      configurations.push_back(configure(
+          c, interface_positions(c, c.is_current() ? &u_local : nullptr),
+          step.settings.offset[i]));
     }
   }
   std::vector<const Configuration*> pointers;

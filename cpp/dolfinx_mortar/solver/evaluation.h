@@ -55,6 +55,10 @@ struct Step
   /// Owned displacements of the last accepted step
   std::vector<double> u_old;
 
+  /// Springs [force per length] from the owned displacement dofs to where they
+  /// were when the step began, and where that is; empty for none
+  std::vector<double> springs, spring_origin;
+
   /// States to use instead of those that follow from the values, of each
   /// interface: those that the first solve begins with
   std::vector<std::vector<Status>> forced;

@@ -60,9 +60,8 @@ Matrix dolfinx_mortar::mortar_matrix(const ContactProblem& problem,
   const Coupling& coupling = problem.coupling();
   const CoupledInterface& c = coupling.interfaces.at(interface);
   const std::vector<double> u = problem.bodies().local_displacements();
-  auto [x, y] = interface_positions(c, c.is_current() ? &u : nullptr);
   const Configuration configuration
-      = configure(c.data, std::move(x), std::move(y));
+      = configure(c, interface_positions(c, c.is_current() ? &u : nullptr));
   BlockAccumulator<1, 1> blocks;
   MortarBlocks wanted;
   (which == 'D' ? wanted.D : wanted.M) = &blocks;

@@ -16,6 +16,8 @@ Iteration dolfinx_mortar::evaluate(Bodies& bodies, const Coupling& coupling,
   bodies.set_displacements(u);
   Iteration it;
   it.free_forces = bodies.residual();
+  for (std::size_t i = 0; i < step.springs.size(); ++i)
+    it.free_forces[i] += step.springs[i] * (u[i] - step.spring_origin[i]);
   it.interfaces
       = evaluate(coupling, step, state, bodies.local_displacements(), u, z);
   it.residual = it.free_forces;

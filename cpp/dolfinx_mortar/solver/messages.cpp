@@ -164,3 +164,14 @@ std::string messages::not_begun(SNESConvergedReason reason)
   return std::string("The solve did not converge (")
          + SNESConvergedReasons[reason] + ") at its start.";
 }
+//-----------------------------------------------------------------------------
+std::string messages::stabilised(const Stabilisation& springs)
+{
+  return "The springs that stabilise carry "
+         + number(100 * springs.force, "%.2g")
+         + " % of the forces at work at the end of the step, and "
+         + number(100 * springs.energy_share, "%.2g")
+         + " % of the work: nothing else holds a body against its loads, or it "
+           "slides away. Hold it by Dirichlet conditions, a tie or friction; "
+           "the state is as before the step.";
+}

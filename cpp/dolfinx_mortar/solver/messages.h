@@ -5,6 +5,7 @@
 
 #include "checks.h"
 #include "history.h"
+#include "stabilisation.h"
 #include <dolfinx_mortar/dolfinx/bodies.h>
 #include <petscsnes.h>
 #include <string>
@@ -30,6 +31,7 @@ std::string lost(const CoupledInterface& c, const Located& facet);
 std::string barely_covered(const CoupledInterface& c, const Located& node);
 std::string start_overlap(double depth);
 std::string sliding();
+std::string stabilised(const Stabilisation& springs);
 
 /// Beginning of a sentence, without its full stop.
 std::string infinite_force(const std::array<double, 3>& x);

@@ -163,6 +163,11 @@ void Newton::linearise(std::span<const double> x)
   const Iteration& it = evaluate_at(x);
   run.system.reset();
   const Matrix K = _bodies.tangent();
+  if (!run.step.springs.empty())
+  {
+    const Vector springs = create_vector(_coupling.comm(), run.step.springs);
+    check(MatDiagonalSet(K.get(), springs.get(), ADD_VALUES), "MatDiagonalSet");
+  }
   run.reference.floor = force_floor(_coupling.layout, K.get(),
                                     x.first(_coupling.layout.size()));
   run.system = dolfinx_mortar::linearise(_coupling, run.step, *run.state,

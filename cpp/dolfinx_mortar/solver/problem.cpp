@@ -20,7 +20,36 @@ namespace
 {
 std::string tag_name(const std::vector<TaggedFacets>& parts)
 {
-  return "facet tag " + std::to_string(parts.front().tag);
+  return parts.empty()
+             ? "an analytic tool"
+             : "facet tag " + std::to_string(parts.front().tag);
+}
+
+/// Frame of a tool that is a body of a layout.
+Tool create_tool(const Layout& layout, std::size_t body, const RigidTool& tool)
+{
+  Tool t;
+  const std::int32_t start = layout.local_start(body);
+  for (int l = 0; l < 4; ++l)
+  {
+    t.blocks[l] = layout.blocks[body][l];
+    t.local_blocks[l] = start + l;
+  }
+  std::copy_n(layout.X.begin() + 3 * start, 12, t.X.begin());
+  std::copy_n(tool.reference_point.data(), 3, t.point.begin());
+  t.shape = tool.shape();
+  return t;
+}
+
+/// Surface of a tool, which has no facets where it is analytic. Collective.
+Surface create_master(const Layout& layout, const InterfaceOptions& options,
+                      const Tool& tool)
+{
+  if (!tool.shape)
+    return create_tool_surface(options.master, tool.local_blocks[0]);
+  Surface s;
+  s.comm = layout.comm;
+  return s;
 }
 
 /// Whether to condense the multipliers.
@@ -141,11 +170,24 @@ std::vector<double> concatenate(std::span<const double> u,
 } // namespace
 
 //-----------------------------------------------------------------------------
+std::vector<std::shared_ptr<const RigidTool>>
+dolfinx_mortar::tools_of(const std::vector<InterfaceOptions>& interfaces)
+{
+  std::vector<std::shared_ptr<const RigidTool>> tools;
+  for (const InterfaceOptions& i : interfaces)
+  {
+    if (i.tool and std::ranges::find(tools, i.tool) == tools.end())
+      tools.push_back(i.tool);
+  }
+  return tools;
+}
+//-----------------------------------------------------------------------------
 Coupling dolfinx_mortar::create_coupling(
     Layout layout, std::span<const std::shared_ptr<const FunctionSpace>> spaces,
     std::span<const std::int8_t> prescribed,
     const std::vector<InterfaceOptions>& interfaces)
 {
+  const auto tools = tools_of(interfaces);
   std::vector<CoupledInterface> coupled;
   for (const InterfaceOptions& i : interfaces)
   {
@@ -157,15 +199,25 @@ Coupling dolfinx_mortar::create_coupling(
     c.x_master = i.x_master;
     c.slave_name = tag_name(i.slave);
     c.master_name = tag_name(i.master);
+    std::optional<Tool> tool;
+    if (i.tool)
+    {
+      const std::size_t t = std::ranges::find(tools, i.tool) - tools.begin();
+      tool = create_tool(layout, spaces.size() + t, *i.tool);
+    }
     Surface slave = create_surface(layout, spaces, i.slave, "slave");
-    if (i.contact)
+    // An analytic tool has one normal at a node, whatever meets there
+    if (i.contact and !(tool and tool->shape))
       slave = split_at_edges(slave, c.feature_angle);
-    Surface master = create_surface(layout, spaces, i.master, "master");
+    Surface master
+        = tool ? create_master(layout, i, *tool)
+               : create_surface(layout, spaces, i.master, "master");
     c.space = i.space;
     IntegrationOptions options = i.integration;
     options.leave_distant = i.contact.has_value();
     c.data = create_interface(std::move(slave), std::move(master), options);
     c.data.normal = i.normal;
+    c.data.tool = tool;
     coupled.push_back(std::move(c));
   }
   return create_coupling(std::move(layout), std::move(coupled), prescribed);
@@ -175,7 +227,7 @@ ContactProblem::ContactProblem(
     MPI_Comm comm, std::vector<Body> bodies,
     std::vector<std::shared_ptr<const DirichletBC>> bcs,
     const std::vector<InterfaceOptions>& interfaces, ProblemOptions options)
-    : _bodies(comm, std::move(bodies), std::move(bcs)),
+    : _bodies(comm, std::move(bodies), std::move(bcs), tools_of(interfaces)),
       _coupling(create_coupling(_bodies.layout(), _bodies.spaces(),
                                 _bodies.prescribed(), interfaces)),
       _warned(interfaces.size(), 0), _options(std::move(options))
@@ -188,6 +240,8 @@ ContactProblem::ContactProblem(
   }
   _step = create_step(_coupling, _state);
   warn_of_lost_area(_step);
+  if (_options.stabilise > 0)
+    check_loose(_coupling);
   const bool condense = choose_condensation(_options.condense, _coupling);
   _newton = std::make_unique<Newton>(
       _bodies, _coupling,
@@ -295,8 +349,14 @@ int ContactProblem::solve()
       step.forced = initial_status(_coupling, step, state, first.interfaces,
                                    _initial_active, first.free_forces);
     }
-    std::shared_ptr<const Evaluation> solution
-        = _newton->solve(state, step, x, overlap);
+    std::shared_ptr<const Evaluation> solution;
+    if (_options.stabilise > 0)
+      solution = solve_stabilised(state, step, x, overlap);
+    else
+    {
+      solution = _newton->solve(state, step, x, overlap);
+      _num_iterations = _newton->num_iterations();
+    }
     step.forced.clear();
     const std::string wrong
         = describe_solution(_bodies, _coupling, step, *solution);
@@ -314,7 +374,37 @@ int ContactProblem::solve()
     _bodies.set_displacements(u);
     throw;
   }
-  return _newton->num_iterations();
+  return _num_iterations;
+}
+//-----------------------------------------------------------------------------
+std::shared_ptr<const Evaluation>
+ContactProblem::solve_stabilised(const State& state, Step& step,
+                                 std::span<const double> x, double overlap)
+{
+  const std::span<const double> u = x.first(_coupling.layout.size());
+  step.spring_origin.assign(u.begin(), u.end());
+  const std::vector<double> springs
+      = create_springs(_coupling, u, diagonal(_bodies.tangent().get()));
+  std::vector<double> from(x.begin(), x.end());
+  std::shared_ptr<const Evaluation> solution;
+  _num_iterations = 0;
+  for (double stage : stabilisation_stages)
+  {
+    step.springs = springs;
+    for (double& k : step.springs)
+      k *= stage * _options.stabilise;
+    solution = _newton->solve(state, step, from, overlap);
+    _num_iterations += _newton->num_iterations();
+    from = concatenate(solution->u, solution->z);
+    step.forced.clear();
+  }
+  _stabilisation = measure_stabilisation(_coupling, step, *solution);
+  step.springs.clear();
+  step.spring_origin.clear();
+  if (std::max(_stabilisation.force, _stabilisation.energy_share)
+      > negligible_stabilisation)
+    throw ConvergenceError(messages::stabilised(_stabilisation));
+  return solution;
 }
 //-----------------------------------------------------------------------------
 int ContactProblem::solve(const std::function<void(double)>& load, int max_cuts)

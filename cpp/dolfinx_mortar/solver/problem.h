@@ -5,6 +5,7 @@
 
 #include "first_contact.h"
 #include "newton.h"
+#include "stabilisation.h"
 #include <dolfinx_mortar/dolfinx/bodies.h>
 #include <functional>
 #include <map>
@@ -18,8 +19,13 @@ namespace dolfinx_mortar
 /// @brief A tie, or a contact: what a user says of it.
 struct InterfaceOptions
 {
-  /// Parts of both surfaces
+  /// Parts of both surfaces; the master of a tool that has facets is on spaces
+  /// of the tool's own
   std::vector<TaggedFacets> slave, master;
+
+  /// Rigid tool that the master surface is on; null where that is on bodies.
+  /// Interfaces may share a tool
+  std::shared_ptr<const RigidTool> tool;
 
   /// Space of the multipliers; by default dual_reproducing for a tie,
   /// dual_linear for a contact with tri6 among its slave facets and
@@ -73,11 +79,25 @@ struct ProblemOptions
   /// Called by all ranks together once in each iteration, and may throw: a
   /// place to look for interrupts
   std::function<void()> poll = nullptr;
+
+  /// Springs that hold bodies which nothing holds but contact, where they were
+  /// when a solve began: stiffness of those at each node as a share of its own
+  /// (the diagonal of the tangent). A solve begins with these and goes on, from
+  /// one solution to the next, with weaker ones down to a millionth, so that
+  /// contact finds the bodies before they fly off, and what has no stiffness in
+  /// the end, as a body that slides on a plane, does not move without a force.
+  /// Zero for none
+  double stabilise = 0;
 };
+
+/// @brief The different tools of some interfaces, in their order.
+std::vector<std::shared_ptr<const RigidTool>>
+tools_of(const std::vector<InterfaceOptions>& interfaces);
 
 /// @brief Numbers and tables of a coupled problem: surfaces of all interfaces,
 /// multipliers, candidates. Collective.
-/// @param[in] layout Displacement dofs of the bodies.
+/// @param[in] layout Displacement dofs of the bodies, and of the tools of the
+/// interfaces after them.
 /// @param[in] spaces Displacement space of each body.
 /// @param[in] prescribed See create_coupling.
 /// @param[in] interfaces Interfaces.
@@ -118,8 +138,8 @@ public:
   /// @return Number of Newton iterations.
   /// @throw ConvergenceError Not converged, or to a state that cannot be meant:
   /// bodies that have passed through each other, cells inside out, Dirichlet
-  /// conditions that hold slave nodes inside a master. The state is as before
-  /// the call.
+  /// conditions that hold slave nodes inside a master; or springs that
+  /// stabilise hold a body at the end. The state is as before the call.
   int solve();
 
   /// @brief Solve a step, in parts where it does not converge as a whole.
@@ -145,6 +165,9 @@ public:
   /// @brief Take a state that comes from elsewhere, as from a file: bases are
   /// decided anew.
   void resume(const State& state);
+
+  /// @brief What the springs of `stabilise` did in the last solve.
+  const Stabilisation& stabilisation() const { return _stabilisation; }
 
   /// @brief What follows from the state; null before the first solve.
   const Evaluation* evaluation() const { return _evaluation.get(); }
@@ -191,6 +214,11 @@ public:
   std::pair<State, Step> begin() const;
 
 private:
+  /// Solve with weaker and weaker springs. Collective.
+  std::shared_ptr<const Evaluation>
+  solve_stabilised(const State& state, Step& step, std::span<const double> x,
+                   double overlap);
+
   void warn_of_lost_area(const Step& step) const;
   void check_unchanged() const;
 
@@ -204,5 +232,7 @@ private:
   std::shared_ptr<const Evaluation> _evaluation;
   ProblemOptions _options;
   std::unique_ptr<Newton> _newton;
+  Stabilisation _stabilisation;
+  int _num_iterations = 0; // of all stages of the last solve
 };
 } // namespace dolfinx_mortar

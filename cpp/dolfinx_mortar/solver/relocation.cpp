@@ -83,7 +83,7 @@ Relocation dolfinx_mortar::relocate(
     const InterfaceOptions& tie,
     const std::vector<std::shared_ptr<const DirichletBC>>& bcs, double limit)
 {
-  Layout layout = create_layout(comm, spaces);
+  Layout layout = create_layout(comm, spaces, tools_of({tie}));
   const std::vector<std::int8_t> prescribed
       = prescribed_dofs(layout, spaces, bcs);
   const Coupling coupling
@@ -132,6 +132,8 @@ Relocation dolfinx_mortar::relocate(
     out.motion[columns[i] - 3 * own.first_block] = dx[i];
   out.motion = multiply(T.get(), out.motion);
   out.largest = check_motion(c, coupling, step.weights[0], out.motion, limit);
-  std::tie(out.x_slave, out.x_master) = interface_positions(c, nullptr);
+  Positions positions = interface_positions(c, nullptr);
+  out.x_slave = std::move(positions.slave);
+  out.x_master = std::move(positions.master);
   return out;
 }

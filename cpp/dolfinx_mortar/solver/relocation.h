@@ -34,4 +34,18 @@ Relocation relocate(
     MPI_Comm comm, std::span<const std::shared_ptr<const FunctionSpace>> spaces,
     const InterfaceOptions& tie,
     const std::vector<std::shared_ptr<const DirichletBC>>& bcs, double limit);
+
+/// @brief Motion that brings the slave nodes of a contact which are near the
+/// master onto it, along their normals (on an analytic tool to the closest
+/// point). Collective.
+/// @param[in] comm,spaces,bcs See relocate.
+/// @param[in] contact Contact.
+/// @param[in] distance Nodes that are further apart [length] stay.
+/// @return `motion` and `largest`.
+Relocation
+adjust(MPI_Comm comm,
+       std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+       const InterfaceOptions& contact,
+       const std::vector<std::shared_ptr<const DirichletBC>>& bcs,
+       double distance);
 } // namespace dolfinx_mortar

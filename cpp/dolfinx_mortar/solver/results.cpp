@@ -277,3 +277,27 @@ Resultants dolfinx_mortar::resultants(const ContactProblem& problem,
           {s[3], s[4], s[5]},
           {m[3], m[4], m[5]}};
 }
+//-----------------------------------------------------------------------------
+std::array<double, 3>
+dolfinx_mortar::tool_point(const ContactProblem& problem, std::size_t interface)
+{
+  last_evaluation(problem);
+  const CoupledInterface& c = problem.coupling().interfaces.at(interface);
+  if (!c.data.tool)
+    throw std::invalid_argument("The interface has no rigid tool.");
+  const Tool& tool = *c.data.tool;
+  if (!c.is_current())
+    return tool.point;
+  const std::vector<double> u = problem.bodies().extend(problem.state().u);
+  std::array<double, 12> x = tool.X;
+  for (int l = 0; l < 4; ++l)
+  {
+    for (int d = 0; d < 3; ++d)
+      x[3 * l + d] += u[3 * tool.local_blocks[l] + d];
+  }
+  const FrameView reference(tool.X), now(x);
+  const Vec3 point
+      = now.origin
+        + now.axes * reference.coordinates(Vec3(tool.point.data()));
+  return {point[0], point[1], point[2]};
+}

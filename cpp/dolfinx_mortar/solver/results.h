@@ -53,10 +53,17 @@ struct Resultants
   std::array<double, 3> slave_force, master_force, slave_moment, master_moment;
 };
 
-/// @brief Forces and moments of a contact in the last accepted state.
-/// Collective.
+/// @brief Forces and moments of an interface in the last accepted state, with
+/// the positions that it is integrated at. Collective.
 /// @throw std::runtime_error On all ranks, before the first solve.
 Resultants resultants(const ContactProblem& problem, std::size_t interface);
+
+/// @brief Where the reference point of an interface's rigid tool is, with the
+/// positions of `resultants`. Collective.
+/// @throw std::invalid_argument The interface has no tool.
+/// @throw std::runtime_error Before the first solve.
+std::array<double, 3> tool_point(const ContactProblem& problem,
+                                 std::size_t interface);
 
 /// @brief Number of slave nodes, on all ranks, that carry a multiplier.
 /// Collective.

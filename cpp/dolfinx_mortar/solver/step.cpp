@@ -66,8 +66,7 @@ InterfaceGeometry create_geometry(const CoupledInterface& c, const Basis& basis,
   InterfaceGeometry g;
   {
     Timer timer("~mortar: search");
-    auto [x, y] = interface_positions(c, u);
-    g.configuration = configure(c.data, std::move(x), std::move(y), offset);
+    g.configuration = configure(c, interface_positions(c, u), offset);
   }
   g.nodal = integrate(c.data, basis, g.configuration);
   return g;
@@ -308,9 +307,9 @@ void remember_accepted(const Coupling& coupling,
   {
     Timer timer("~mortar: search");
     const CoupledInterface& c = coupling.interfaces[i];
-    auto [x, y] = interface_positions(c, c.is_current() ? &u_old : nullptr);
     configurations.push_back(
-        configure(c.data, std::move(x), std::move(y), step.settings.offset[i]));
+        configure(c, interface_positions(c, c.is_current() ? &u_old : nullptr),
+                  step.settings.offset[i]));
   }
   std::vector<const Configuration*> pointers;
   for (const Configuration& c : configurations)

@@ -5,6 +5,7 @@
 
 #include "surface.h"
 #include "triangles.h"
+#include <dolfinx_mortar/geometry/rigid_shape.h>
 #include <optional>
 #include <span>
 
@@ -43,4 +44,24 @@ Depth find_crossing(const Surface& slave, std::span<const double> slave_before,
                     std::span<const double> master_before,
                     std::span<const double> master_after,
                     std::optional<double> distance);
+
+/// @brief Find the slave facet that has passed through an analytic tool on its
+/// way to a new configuration, and is deepest behind its surface. Collective.
+///
+/// Middles of facets that face the tool at the beginning are followed, on
+/// straight lines in the tool's coordinates. One has passed through a plane if
+/// it is further behind it than the facet is large, and through a sphere or a
+/// cylinder if it ends on the far side of the centre or axis, and came nearer
+/// to these than half of the radius.
+/// @param[in] slave Surface.
+/// @param[in] shape Shape of the tool.
+/// @param[in] x_before,x_after Positions of the local slave nodes, shape (n, 3).
+/// @param[in] frame_before,frame_after Positions of the nodes of the tool's
+/// frame, shape (4, 3).
+/// @return Depth, and where the facet is now; the same on all ranks.
+Depth find_shape_crossing(const Surface& slave, const RigidShape& shape,
+                          std::span<const double> x_before,
+                          std::span<const double> frame_before,
+                          std::span<const double> x_after,
+                          std::span<const double> frame_after);
 } // namespace dolfinx_mortar

@@ -4,13 +4,28 @@
 #pragma once
 
 #include "surface.h"
+#include <array>
 #include <cstdint>
+#include <dolfinx_mortar/geometry/rigid_shape.h>
 #include <optional>
 #include <span>
 #include <vector>
 
 namespace dolfinx_mortar
 {
+/// @brief The frame that a rigid tool moves with, see RigidShape.
+struct Frame
+{
+  /// Displacement blocks (numbers in the coupled problem) of its four nodes
+  std::array<std::int64_t, 4> blocks;
+
+  /// Their current positions, shape (4, 3)
+  std::array<double, 12> x;
+
+  /// Analytic surface of the tool; none where it has facets
+  std::optional<RigidShape> shape;
+};
+
 /// @brief Facets that carry the positions of their nodes with them, as they
 /// travel between ranks.
 struct FacetList
@@ -30,6 +45,11 @@ struct FacetList
 
   /// Current position of each node, shape (offsets.back(), 3)
   std::vector<double> x;
+
+  /// What the nodes move with, where the facets are those of a rigid tool:
+  /// forces and derivatives are those of the frame then. A tool with a shape
+  /// has no facets
+  std::optional<Frame> frame;
 };
 
 /// @brief Pairs of facets that may meet.

@@ -1,0 +1,49 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "evaluation.h"
+#include "iteration.h"
+#include <span>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief What the springs did that were the last ones of a solve.
+struct Stabilisation
+{
+  /// Norm of their forces relative to that of the forces at work, reactions and
+  /// contact forces
+  double force = 0;
+
+  /// Energy in them, and that relative to the work of contact forces on the way
+  /// from the beginning of the step
+  double energy = 0, energy_share = 0;
+};
+
+/// Share of the forces at work, and of the work, from which on springs count.
+constexpr double negligible_stabilisation = 1e-3;
+
+/// @brief Factors of the springs, one solution after the other.
+constexpr double stabilisation_stages[] = {1, 1e-2, 1e-4, 1e-6};
+
+/// @brief Springs at the nodes of bodies that neither Dirichlet conditions nor
+/// ties hold, of the stiffness of the nodes themselves; zero at other nodes.
+/// Collective.
+/// @param[in] coupling Interfaces.
+/// @param[in] u Owned displacements.
+/// @param[in] stiffness Diagonal of the tangent.
+/// @throw std::invalid_argument On all ranks, where all bodies are held.
+std::vector<double> create_springs(const Coupling& coupling,
+                                   std::span<const double> u,
+                                   std::span<const double> stiffness);
+
+/// @brief Measure what the springs of a step do in a solution. Collective.
+Stabilisation measure_stabilisation(const Coupling& coupling, const Step& step,
+                                    const Evaluation& solution);
+
+/// @brief Refuse to stabilise where there is nothing to. Collective.
+/// @throw std::invalid_argument See create_springs.
+void check_loose(const Coupling& coupling);
+} // namespace dolfinx_mortar
