@@ -74,12 +74,12 @@ void wrap_tool(nb::module_& m)
           nb::arg("hollow"), "A roller, or a bore.")
       .def("frame", &RigidTool::frame, nb::arg("size"),
            "Reference positions of the nodes of the frame, 12 numbers.");
-  auto def_vector = [&](const char* name, Vec3 RigidTool::* member,
-                        const char* doc)
+  auto def_vector
+      = [&](const char* name, Vec3 RigidTool::* member, const char* doc)
   {
     t.def_prop_rw(
-        name, [member](const RigidTool& self)
-        { return array_of(self.*member); },
+        name,
+        [member](const RigidTool& self) { return array_of(self.*member); },
         [member](RigidTool& self, const Triple& v)
         { self.*member = Vec3(v.data()); }, nb::rv_policy::automatic, doc);
   };

@@ -194,62 +194,79 @@ def ball(radius):
 
 @pytest.mark.parametrize("element", ["hex8", "hex20", "tet10"])
 def test_sphere_is_the_limit_of_its_facets(element):
-    """Force against facets that are made twice as fine: differences fall to a quarter."""
+    """Force without friction against that of facets, whose error is that of their height."""
     forces = []
-    for make in (dome(2.0, 12), dome(2.0, 24), ball(2.0)):
-        p = pressed(make, element, cells=(5, 5, 2), friction=0.2, multiplier="dual")
+    for make in (dome(2.0, 12), dome(2.0, 36), ball(2.0)):
+        p = pressed(make, element, cells=(5, 5, 2), multiplier="dual")
         p.contact.tool.translation = (0, 0, 0.1)
         p.problem.solve()
+        forces.append(p.contact.tool.force)
+    coarse, fine, exact = forces
+    assert abs(fine[2] / exact[2] - 1) < 3e-3 < abs(coarse[2] / exact[2] - 1)
+    np.testing.assert_allclose(exact[:2], 0, atol=3e-3 * abs(exact[2]))
+
+
+def test_friction_on_a_sphere_and_its_facets():
+    """Pressed in steps, and dragged. A step counts slip from where the surfaces were at its start,
+    also before they met: for both kinds of pairing only what is slip remains with small steps."""
+    forces = []
+    for make in (dome(2.0, 36), ball(2.0)):
+        p = pressed(make, "hex20", cells=(5, 5, 2), friction=0.2, multiplier="dual")
+        for z in np.linspace(0.02, 0.1, 9)[1:]:
+            p.contact.tool.translation = (0, 0, z)
+            p.problem.solve()
         p.contact.tool.translation = (0.01, 0, 0.1)
         p.problem.solve()
         forces.append(p.contact.tool.force)
-        assert p.problem.history[-1]["iteration"] <= 9
-    coarse, fine, exact = forces
-    size = np.linalg.norm(exact)
-    assert np.linalg.norm(fine - exact) < 0.01 * size
-    assert np.linalg.norm(fine - exact) < 0.6 * np.linalg.norm(coarse - exact) + 1e-3 * size
-    # All normals of a sphere meet in its centre
-    assert np.linalg.norm(np.cross([0, 0, 1], exact)) < 0.3 * size
+    facets, exact = forces
+    np.testing.assert_allclose(facets, exact, atol=5e-3 * np.linalg.norm(exact))
+
+
+def pressing(contact):
+    """Integral of the pressure."""
+    s = contact.summary()
+    return s["mean_pressure"] * s["area"]
 
 
 @pytest.mark.parametrize("hollow", [False, True])
 def test_cylinder(hollow):
-    """A roller of large radius is a plane to its curvature; friction turns it."""
+    """A roller of large radius is a plane to its curvature. Friction has the radius as its arm."""
     radius = 200.0
-    axis = (0.5, 0.3, radius if hollow else -radius)
+    axis = (0.5, 0.5, radius if hollow else -radius)
     p = pressed(lambda: dm.RigidCylinder(axis, (1, 0, 0), radius, hollow), "hex20", friction=0.2)
-    q = pressed(lambda: dm.RigidPlane((0.5, 0.3, 0), (0, 0, 1)), "hex20", friction=0.2)
+    q = pressed(lambda: dm.RigidPlane((0.5, 0.5, 0), (0, 0, 1)), "hex20", friction=0.2)
     for x in (p, q):
         x.contact.tool.translation = (0, 0, 0.02)
         x.problem.solve()
         x.contact.tool.translation = (0, 0.03, 0.02)
         x.problem.solve()
+        assert x.contact.summary()["stick"] == 0
     np.testing.assert_allclose(p.contact.tool.force, q.contact.tool.force, rtol=2e-2, atol=1e-4)
-    # Friction at the surface, a radius from the axis
     force, moment = p.contact.tool.force, p.contact.tool.moment
-    assert force[1] == pytest.approx(0.2 * force[2], rel=1e-2)
-    arm = moment[0] / force[1]
-    assert arm == pytest.approx(radius if hollow else -radius, rel=1e-2) or arm == pytest.approx(
-        -radius if hollow else radius, rel=1e-2
-    )
+    assert moment[0] == pytest.approx((radius if hollow else -radius) * force[1], rel=5e-3)
 
 
-def test_rotation_rolls_and_drags():
+def test_rotation_drags():
     """A roller that is turned in place drags the block along its surface."""
-    p = pressed(lambda: dm.RigidCylinder((0.5, 0.5, -0.5), (0, 1, 0), 0.5), "hex20", friction=0.3)
+    p = pressed(
+        lambda: dm.RigidCylinder((0.5, 0.5, -0.5), (0, 1, 0), 0.5),
+        "hex20",
+        cells=(8, 2, 2),
+        friction=0.3,
+    )
     tool = p.contact.tool
     tool.translation = (0, 0, 0.05)
     p.problem.solve()
-    straight = tool.force
-    assert abs(straight[0]) < 1e-3 * straight[2]
-    for angle in (0.02, 0.05, 0.1):
+    assert np.linalg.norm(tool.force[:2]) < 1e-3 * abs(tool.force[2])
+    for angle in (0.02, 0.05, 0.1, 0.15):
         tool.rotation = (0, angle, 0)
         p.problem.solve()
-    force = tool.force
-    # The surface under the block moves to +x and pulls it along
-    assert p.contact.force[0] == pytest.approx(0.3 * p.contact.force[2], rel=0.05)
-    assert tool.moment[1] == pytest.approx(force[0] * 0.5, rel=0.05)
-    assert p.contact.dissipation > 0
+    # The surface below the block moves to +x, and pulls it along
+    summary = p.contact.summary()
+    assert summary["stick"] == 0 and summary["force"][0] > 0.2 * summary["force"][2] > 0
+    assert tool.moment[1] == pytest.approx(-0.3 * 0.5 * pressing(p.contact), rel=1e-2)
+    work = -tool.moment[1] * 0.05
+    assert 0.9 * work < p.contact.dissipation < 1.01 * work
 
 
 @pytest.mark.parametrize("make", [plane(), meshed()], ids=["plane", "facets"])

@@ -79,9 +79,9 @@ Configuration dolfinx_mortar::configure(const Interface& interface,
   c.x_master = std::move(x_master);
   c.offset = std::move(offset);
   const bool analytic = interface.is_analytic();
-  c.normals = analytic ? tool_normals(interface, c.x_slave, x_frame)
-                       : compute_normals(interface.slave, c.x_slave,
-                                         interface.fixed);
+  c.normals
+      = analytic ? tool_normals(interface, c.x_slave, x_frame)
+                 : compute_normals(interface.slave, c.x_slave, interface.fixed);
   if (interface.normal)
   {
     for (std::size_t i = 0; i < c.normals.n.size(); ++i)
@@ -96,9 +96,9 @@ Configuration dolfinx_mortar::configure(const Interface& interface,
   }
   else
   {
-    c.candidates = find_candidates(
-        interface.slave, c.x_slave, interface.master, c.x_master,
-        interface.options.distance, interface.options.leave_distant ? 2 : 1);
+    c.candidates = find_candidates(interface.slave, c.x_slave, interface.master,
+                                   c.x_master, interface.options.distance,
+                                   interface.options.leave_distant ? 2 : 1);
   }
   if (const auto& tool = interface.tool)
     c.candidates.master.frame = {tool->blocks, x_frame, tool->shape};

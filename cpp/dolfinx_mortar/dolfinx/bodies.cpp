@@ -87,8 +87,7 @@ double mean_cell_size(MPI_Comm comm, const Mesh& mesh)
 }
 
 /// The four nodes of a frame: on rank 0, and known to all others. Collective.
-std::shared_ptr<const dolfinx::common::IndexMap>
-create_frame_map(MPI_Comm comm)
+std::shared_ptr<const dolfinx::common::IndexMap> create_frame_map(MPI_Comm comm)
 {
   int rank;
   MPI_Comm_rank(comm, &rank);
@@ -302,9 +301,8 @@ Surface dolfinx_mortar::create_surface(
   return create_surface(found);
 }
 //-----------------------------------------------------------------------------
-Surface
-dolfinx_mortar::create_tool_surface(std::span<const TaggedFacets> parts,
-                                    std::int32_t frame)
+Surface dolfinx_mortar::create_tool_surface(std::span<const TaggedFacets> parts,
+                                            std::int32_t frame)
 {
   std::vector<std::shared_ptr<const Space>> spaces;
   std::vector<std::reference_wrapper<const dolfinx::common::IndexMap>> maps;
@@ -500,9 +498,9 @@ std::vector<double> Bodies::prescribed_values() const
   }
   for (std::size_t t = 0; t < _tools.size(); ++t)
   {
-    std::ranges::copy(
-        _tools[t]->displacements(frame(t)),
-        local.begin() + 3 * _layout.local_start(_bodies.size() + t));
+    std::ranges::copy(_tools[t]->displacements(frame(t)),
+                      local.begin()
+                          + 3 * _layout.local_start(_bodies.size() + t));
   }
   return _layout.owned(local, 3);
 }

@@ -112,16 +112,17 @@ Vec3 dolfinx_mortar::opposing_normal(const RigidShape& shape,
   return n;
 }
 //-----------------------------------------------------------------------------
-void dolfinx_mortar::append_shape_points(
-    const FacetView& slave, const RigidShape& shape, std::span<const double> x,
-    const QuadratureRule& rule, const AngleLimits& limits, bool derivatives,
-    PairPoints& points)
+void dolfinx_mortar::append_shape_points(const FacetView& slave,
+                                         const RigidShape& shape,
+                                         std::span<const double> x,
+                                         const QuadratureRule& rule,
+                                         const AngleLimits& limits,
+                                         bool derivatives, PairPoints& points)
 {
   const FrameView frame(x);
   const int n = num_nodes(slave.type), width = 3 * (n + 4);
-  using Rows
-      = Eigen::Matrix<double, 5, Eigen::Dynamic, Eigen::RowMajor, 5,
-                      3 * (max_facet_nodes + 4)>;
+  using Rows = Eigen::Matrix<double, 5, Eigen::Dynamic, Eigen::RowMajor, 5,
+                             3 * (max_facet_nodes + 4)>;
   Rows d(5, width);
   SurfacePoint s;
   for (std::size_t q = 0; q < rule.weights.size(); ++q)

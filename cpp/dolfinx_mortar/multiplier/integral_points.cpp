@@ -118,8 +118,8 @@ void FacetIntegrator::sample_shape(const Frame& frame, bool derivatives)
   _facet.x_masters.clear();
   append_relative(frame.x, slave.origin, _facet.x_masters);
   // What is asked of it are positions, not the type
-  _facet.masters.assign(
-      1, {FacetType::quad4, 1, _facet.x_masters, slave.origin});
+  _facet.masters.assign(1,
+                        {FacetType::quad4, 1, _facet.x_masters, slave.origin});
   _points[0].clear();
   const int degree
       = _options.degree.value_or(default_degree(slave.type, slave.type));

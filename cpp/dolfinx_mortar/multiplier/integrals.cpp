@@ -189,8 +189,8 @@ double FacetIntegrator::integrate_products(bool derivatives)
     if (_facet.reproducing)
       coverage.head(nl) = base.transpose() * w;
     _result.coverage += coverage;
-    const Vec3 normal = _facet.analytic ? mean_normal(_points[p])
-                                        : corner_normal(master);
+    const Vec3 normal
+        = _facet.analytic ? mean_normal(_points[p]) : corner_normal(master);
     _result.master_normal.noalias() += coverage * normal.transpose();
     WN = base.array().colwise() * w.array();
     _facet.S.noalias() += WN.transpose() * s.Nt;
@@ -329,8 +329,7 @@ void FacetIntegrator::carry_by_frame(const FacetList& list,
     {
       for (int f = 0; f < 4; ++f)
       {
-        B.middleCols(3 * (n + f), 3)
-            += W(l, f) * A.middleCols(3 * (n + l), 3);
+        B.middleCols(3 * (n + f), 3) += W(l, f) * A.middleCols(3 * (n + l), 3);
       }
     }
     A = std::move(B);

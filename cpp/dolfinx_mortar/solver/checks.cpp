@@ -146,13 +146,13 @@ Depth dolfinx_mortar::find_deep_facet(const Coupling& coupling, std::size_t i,
   const bool carried = data.tool.has_value();
   const std::int32_t part
       = carried ? coupling.layout.parts[data.tool->local_blocks[0]] : 0;
-  return find_overlap(
-      data.slave, x.slave, uncovered, facet_bodies(coupling.layout, data.slave),
-      data.master, x.master, facet_bodies(coupling.layout, data.master),
-      body_boxes(coupling.layout, u,
-                 carried ? std::span<const double>(x.master)
-                         : std::span<const double>(),
-                 part));
+  return find_overlap(data.slave, x.slave, uncovered,
+                      facet_bodies(coupling.layout, data.slave), data.master,
+                      x.master, facet_bodies(coupling.layout, data.master),
+                      body_boxes(coupling.layout, u,
+                                 carried ? std::span<const double>(x.master)
+                                         : std::span<const double>(),
+                                 part));
 }
 //-----------------------------------------------------------------------------
 Depth dolfinx_mortar::find_passage(const Coupling& coupling, std::size_t i,

@@ -347,9 +347,8 @@ std::vector<double> dolfinx_mortar::local_multipliers(const Coupling& coupling,
   return local;
 }
 //-----------------------------------------------------------------------------
-Positions
-dolfinx_mortar::interface_positions(const CoupledInterface& interface,
-                                    const std::vector<double>* u)
+Positions dolfinx_mortar::interface_positions(const CoupledInterface& interface,
+                                              const std::vector<double>* u)
 {
   const Interface& i = interface.data;
   Positions p;

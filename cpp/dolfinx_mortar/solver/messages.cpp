@@ -175,3 +175,12 @@ std::string messages::stabilised(const Stabilisation& springs)
            "slides away. Hold it by Dirichlet conditions, a tie or friction; "
            "the state is as before the step.";
 }
+//-----------------------------------------------------------------------------
+std::string messages::with_springs(double stage)
+{
+  return " With the springs of stabilise the step converged until they were "
+         "weakened to "
+         + number(stage)
+         + " times their stiffness: nothing else holds a body against its "
+           "loads, or it slides away.";
+}

@@ -33,6 +33,10 @@ std::string start_overlap(double depth);
 std::string sliding();
 std::string stabilised(const Stabilisation& springs);
 
+/// What is added to an error of a solve that converged with stronger springs.
+/// @param[in] stage Factor of the springs with which it did not.
+std::string with_springs(double stage);
+
 /// Beginning of a sentence, without its full stop.
 std::string infinite_force(const std::array<double, 3>& x);
 std::string infinite(const Infinite& what);

@@ -20,9 +20,8 @@ namespace
 {
 std::string tag_name(const std::vector<TaggedFacets>& parts)
 {
-  return parts.empty()
-             ? "an analytic tool"
-             : "facet tag " + std::to_string(parts.front().tag);
+  return parts.empty() ? "an analytic tool"
+                       : "facet tag " + std::to_string(parts.front().tag);
 }
 
 /// Frame of a tool that is a body of a layout.
@@ -160,6 +159,18 @@ void check_state(const Coupling& coupling, const State& state)
     throw std::invalid_argument("The state is that of another problem.");
 }
 
+/// Some node of this rank is in contact.
+bool is_touching(const Evaluation& evaluation)
+{
+  return std::ranges::any_of(
+      evaluation.interfaces,
+      [](const InterfaceEvaluation& i)
+      {
+        return std::ranges::any_of(i.law.status, [](Status s)
+                                   { return s != Status::open; });
+      });
+}
+
 std::vector<double> concatenate(std::span<const double> u,
                                 std::span<const double> z)
 {
@@ -209,9 +220,8 @@ Coupling dolfinx_mortar::create_coupling(
     // An analytic tool has one normal at a node, whatever meets there
     if (i.contact and !(tool and tool->shape))
       slave = split_at_edges(slave, c.feature_angle);
-    Surface master
-        = tool ? create_master(layout, i, *tool)
-               : create_surface(layout, spaces, i.master, "master");
+    Surface master = tool ? create_master(layout, i, *tool)
+                          : create_surface(layout, spaces, i.master, "master");
     c.space = i.space;
     IntegrationOptions options = i.integration;
     options.leave_distant = i.contact.has_value();
@@ -378,11 +388,11 @@ int ContactProblem::solve()
 }
 //-----------------------------------------------------------------------------
 std::shared_ptr<const Evaluation>
-ContactProblem::solve_stabilised(const State& state, Step& step,
+ContactProblem::solve_stabilised(State& state, Step& step,
                                  std::span<const double> x, double overlap)
 {
   const std::span<const double> u = x.first(_coupling.layout.size());
-  step.spring_origin.assign(u.begin(), u.end());
+  const std::vector<double> origin(u.begin(), u.end());
   const std::vector<double> springs
       = create_springs(_coupling, u, diagonal(_bodies.tangent().get()));
   std::vector<double> from(x.begin(), x.end());
@@ -390,15 +400,39 @@ ContactProblem::solve_stabilised(const State& state, Step& step,
   _num_iterations = 0;
   for (double stage : stabilisation_stages)
   {
+    if (solution)
+    {
+      step = begin_step(_coupling, step, _settings,
+                        _bodies.local_displacements(), _bodies.extend(state.u),
+                        state);
+    }
+    step.spring_origin = origin;
     step.springs = springs;
     for (double& k : step.springs)
       k *= stage * _options.stabilise;
-    solution = _newton->solve(state, step, from, overlap);
+    // A body that has come near to another one by now meets it on its way
+    if (solution and !any(_coupling.comm(), is_touching(*solution)))
+    {
+      const Iteration first
+          = evaluate(_bodies, _coupling, step, state, from);
+      step.forced = initial_status(_coupling, step, state, first.interfaces,
+                                   _initial_active, first.free_forces);
+    }
+    try
+    {
+      solution = _newton->solve(state, step, from, overlap);
+    }
+    catch (const ConvergenceError& error)
+    {
+      throw ConvergenceError(solution
+                                 ? error.what() + messages::with_springs(stage)
+                                 : error.what());
+    }
     _num_iterations += _newton->num_iterations();
     from = concatenate(solution->u, solution->z);
     step.forced.clear();
+    _stabilisation = measure_stabilisation(_coupling, step, *solution);
   }
-  _stabilisation = measure_stabilisation(_coupling, step, *solution);
   step.springs.clear();
   step.spring_origin.clear();
   if (std::max(_stabilisation.force, _stabilisation.energy_share)

@@ -214,10 +214,11 @@ public:
   std::pair<State, Step> begin() const;
 
 private:
-  /// Solve with weaker and weaker springs. Collective.
-  std::shared_ptr<const Evaluation>
-  solve_stabilised(const State& state, Step& step, std::span<const double> x,
-                   double overlap);
+  /// Solve with weaker and weaker springs; which nodes carry a multiplier is
+  /// decided anew for each. Collective.
+  std::shared_ptr<const Evaluation> solve_stabilised(State& state, Step& step,
+                                                     std::span<const double> x,
+                                                     double overlap);
 
   void warn_of_lost_area(const Step& step) const;
   void check_unchanged() const;

@@ -42,10 +42,9 @@ Relocation relocate(
 /// @param[in] contact Contact.
 /// @param[in] distance Nodes that are further apart [length] stay.
 /// @return `motion` and `largest`.
-Relocation
-adjust(MPI_Comm comm,
-       std::span<const std::shared_ptr<const FunctionSpace>> spaces,
-       const InterfaceOptions& contact,
-       const std::vector<std::shared_ptr<const DirichletBC>>& bcs,
-       double distance);
+Relocation adjust(MPI_Comm comm,
+                  std::span<const std::shared_ptr<const FunctionSpace>> spaces,
+                  const InterfaceOptions& contact,
+                  const std::vector<std::shared_ptr<const DirichletBC>>& bcs,
+                  double distance);
 } // namespace dolfinx_mortar

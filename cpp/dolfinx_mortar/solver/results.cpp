@@ -278,8 +278,8 @@ Resultants dolfinx_mortar::resultants(const ContactProblem& problem,
           {m[3], m[4], m[5]}};
 }
 //-----------------------------------------------------------------------------
-std::array<double, 3>
-dolfinx_mortar::tool_point(const ContactProblem& problem, std::size_t interface)
+std::array<double, 3> dolfinx_mortar::tool_point(const ContactProblem& problem,
+                                                 std::size_t interface)
 {
   last_evaluation(problem);
   const CoupledInterface& c = problem.coupling().interfaces.at(interface);
@@ -297,7 +297,6 @@ dolfinx_mortar::tool_point(const ContactProblem& problem, std::size_t interface)
   }
   const FrameView reference(tool.X), now(x);
   const Vec3 point
-      = now.origin
-        + now.axes * reference.coordinates(Vec3(tool.point.data()));
+      = now.origin + now.axes * reference.coordinates(Vec3(tool.point.data()));
   return {point[0], point[1], point[2]};
 }

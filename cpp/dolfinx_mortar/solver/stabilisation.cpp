@@ -39,10 +39,9 @@ void dolfinx_mortar::check_loose(const Coupling& coupling)
       "conditions and ties hold all of them: leave it out.");
 }
 //-----------------------------------------------------------------------------
-Stabilisation
-dolfinx_mortar::measure_stabilisation(const Coupling& coupling,
-                                      const Step& step,
-                                      const Evaluation& solution)
+Stabilisation dolfinx_mortar::measure_stabilisation(const Coupling& coupling,
+                                                    const Step& step,
+                                                    const Evaluation& solution)
 {
   // Squares of forces: of springs and of contact; energy and work
   std::vector<double> sums(4, 0.0);

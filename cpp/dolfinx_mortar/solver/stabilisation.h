@@ -26,7 +26,8 @@ struct Stabilisation
 constexpr double negligible_stabilisation = 1e-3;
 
 /// @brief Factors of the springs, one solution after the other.
-constexpr double stabilisation_stages[] = {1, 1e-2, 1e-4, 1e-6};
+constexpr double stabilisation_stages[]
+    = {1, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6};
 
 /// @brief Springs at the nodes of bodies that neither Dirichlet conditions nor
 /// ties hold, of the stiffness of the nodes themselves; zero at other nodes.

@@ -48,14 +48,15 @@ Depth find_crossing(const Surface& slave, std::span<const double> slave_before,
 /// @brief Find the slave facet that has passed through an analytic tool on its
 /// way to a new configuration, and is deepest behind its surface. Collective.
 ///
-/// Middles of facets that face the tool at the beginning are followed, on
-/// straight lines in the tool's coordinates. One has passed through a plane if
-/// it is further behind it than the facet is large, and through a sphere or a
-/// cylinder if it ends on the far side of the centre or axis, and came nearer
-/// to these than half of the radius.
+/// Middles and nodes of facets that face the tool at the beginning are
+/// followed, on straight lines in the tool's coordinates. One has passed
+/// through if it is further inside of the tool than the facet is large, or if
+/// it is more than a right angle further round a sphere or a cylinder, and its
+/// way led deeper into that than a quarter of the radius.
 /// @param[in] slave Surface.
 /// @param[in] shape Shape of the tool.
-/// @param[in] x_before,x_after Positions of the local slave nodes, shape (n, 3).
+/// @param[in] x_before,x_after Positions of the local slave nodes, shape (n,
+/// 3).
 /// @param[in] frame_before,frame_after Positions of the nodes of the tool's
 /// frame, shape (4, 3).
 /// @return Depth, and where the facet is now; the same on all ranks.
