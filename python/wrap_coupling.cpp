@@ -87,6 +87,10 @@ void wrap_tool(nb::module_& m)
              "Point that rotations and moments are about.");
   def_vector("translation", &RigidTool::translation, "Translation [length].");
   def_vector("rotation", &RigidTool::rotation, "Rotation vector [rad].");
+  def_vector("force", &RigidTool::force, "Force where it is free.");
+  def_vector("moment", &RigidTool::moment, "Moment where it is free.");
+  t.def_rw("free", &RigidTool::free,
+           "Non-zero for free components, of translation and rotation.");
 }
 
 void wrap_options(nb::module_& m)

@@ -112,17 +112,6 @@ void wrap_solve(nb::class_<ContactProblem>& p)
           nb::arg("offset"),
           "Change what is added to the gap at local slave nodes; empty for "
           "nothing. Collective.")
-      .def_prop_ro(
-          "stabilisation",
-          [](const ContactProblem& self)
-          {
-            const Stabilisation& s = self.stabilisation();
-            return std::map<std::string, double>{
-                {"force", s.force},
-                {"energy", s.energy},
-                {"energy_share", s.energy_share}};
-          },
-          "What the springs that stabilise did in the last solve.")
       .def_prop_ro("history", &ContactProblem::history, nb::rv_policy::copy,
                    "Iterates of the last solve; a copy.")
       .def_prop_ro(
@@ -162,6 +151,17 @@ void wrap_states(nb::class_<ContactProblem>& p)
   p.def_prop_ro("state", &ContactProblem::state, nb::rv_policy::copy,
                 "State of the last accepted step; a copy.")
       .def_prop_ro(
+          "stabilisation",
+          [](const ContactProblem& self)
+          {
+            const Stabilisation& s = self.stabilisation();
+            return std::map<std::string, double>{
+                {"force", s.force},
+                {"energy", s.energy},
+                {"energy_share", s.energy_share}};
+          },
+          "What the springs that stabilise did in the last solve.")
+      .def_prop_ro(
           "started", [](const ContactProblem& self)
           { return self.state().started; }, "A step has been accepted.")
       .def(
@@ -192,6 +192,10 @@ void wrap_states(nb::class_<ContactProblem>& p)
           "displacements", [](const ContactProblem& self)
           { return as_array(self.bodies().displacements()); },
           "Displacements of the owned dofs.")
+      .def(
+          "unknowns", [](const ContactProblem& self)
+          { return as_array(self.bodies().unknowns()); },
+          "The unknowns in place of the displacements.")
       .def("begin", &ContactProblem::begin,
            "State and step that a solve from here would start with. "
            "Collective.")
@@ -212,8 +216,11 @@ void wrap_states(nb::class_<ContactProblem>& p)
           [](ContactProblem& self, const State& state, const Step& step,
              const Iteration& iteration, bool damped)
           {
-            return linearise(self.coupling(), step, state, iteration.interfaces,
-                             self.bodies().tangent(), damped);
+            NewtonSystem s
+                = linearise(self.coupling(), step, state, iteration.interfaces,
+                            self.bodies().tangent(), damped);
+            reduce_tools(self.bodies(), iteration.interfaces, s);
+            return s;
           },
           nb::arg("state"), nb::arg("step"), nb::arg("iteration"),
           nb::arg("damped") = true, "The Newton system there. Collective.");
@@ -257,6 +264,17 @@ void wrap_interface_results(nb::class_<ContactProblem>& p)
 {
   p.def("resultants", &resultants, nb::arg("interface"),
         "Forces and moments of an interface. Collective.")
+      .def(
+          "tool_motion",
+          [](const ContactProblem& self, std::shared_ptr<RigidTool> tool)
+          {
+            const auto& tools = self.bodies().tools();
+            const auto t = std::ranges::find(tools, tool);
+            if (t == tools.end())
+              throw std::invalid_argument("The tool is in another problem.");
+            return self.bodies().tool_motion(t - tools.begin());
+          },
+          nb::arg("tool"), "Translation and rotation vector of a tool.")
       .def("tool_point", &tool_point, nb::arg("interface"),
            "Where the reference point of a rigid tool is. Collective.")
       .def("num_multiplier_nodes", &num_multiplier_nodes, nb::arg("interface"),
@@ -313,7 +331,7 @@ void wrap_interface_results(nb::class_<ContactProblem>& p)
 bool friction_is_overloaded(ContactProblem& p)
 {
   auto [state, step] = p.begin();
-  std::vector<double> x = p.bodies().displacements();
+  std::vector<double> x = p.bodies().unknowns();
   x.insert(x.end(), state.z.begin(), state.z.end());
   const Iteration it = evaluate(p.bodies(), p.coupling(), step, state, x);
   const Matrix K = p.bodies().tangent();

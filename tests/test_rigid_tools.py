@@ -34,7 +34,17 @@ def body(element, box=((0.0, 0.0, 0.0), (1.0, 1.0, 0.5)), cells=(3, 3, 2), name=
     return b
 
 
-def pressed(make, element="hex8", kind=dm.Contact, cells=(3, 3, 2), slave=("z-",), **options):
+def pressed(
+    make,
+    element="hex8",
+    kind=dm.Contact,
+    cells=(3, 3, 2),
+    slave=("z-",),
+    free="",
+    rotation=None,
+    petsc_options=None,
+    **options,
+):
     """A neo-Hookean block of 1 x 1 x 0.5, its top held, over what `make` returns.
 
     Args:
@@ -42,6 +52,9 @@ def pressed(make, element="hex8", kind=dm.Contact, cells=(3, 3, 2), slave=("z-",
         element, cells: Of the block.
         kind: Contact or Tie.
         slave: Sides that are the slave.
+        free: Components of the tool that are.
+        rotation: With which the tool begins, about where it leaves a ball's or a plane's surface.
+        petsc_options: Of the problem.
         **options: Of the interface.
     """
     b = body(element, cells=cells)
@@ -51,10 +64,21 @@ def pressed(make, element="hex8", kind=dm.Contact, cells=(3, 3, 2), slave=("z-",
     top = fem.Constant(b.mesh, np.zeros(3))
     dofs = fem.locate_dofs_geometrical(b.V, lambda x: np.isclose(x[2], 0.5))
     bcs = [fem.dirichletbc(top, dofs, b.V)]
+    tool = make()
+    tool.free = free
+    if rotation is not None:
+        tool.rotation = rotation
     contact = kind(
-        slave=[(b.V, b.facet_tags, FACES[side]) for side in slave], master=make(), **options
+        slave=[(b.V, b.facet_tags, FACES[side]) for side in slave], master=tool, **options
     )
-    problem = dm.ContactProblem(F, u, bcs=bcs, interfaces=[contact], petsc_options_prefix="tool_")
+    problem = dm.ContactProblem(
+        F,
+        u,
+        bcs=bcs,
+        interfaces=[contact],
+        petsc_options_prefix="tool_",
+        petsc_options=petsc_options,
+    )
     return Pressed(problem, contact, top, [b])
 
 
@@ -305,9 +329,7 @@ def test_two_contacts_share_a_tool():
     contacts = [
         dm.Contact(slave=[(b.V, b.facet_tags, FACES[side])], master=groove) for side in ("y-", "y+")
     ]
-    problem = dm.ContactProblem(
-        F, u, bcs=[fem.dirichletbc(zero, held, b.V)], interfaces=contacts
-    )
+    problem = dm.ContactProblem(F, u, bcs=[fem.dirichletbc(zero, held, b.V)], interfaces=contacts)
     groove.translation = (0, 0.12, 0)
     problem.solve()
     forces = [c.master_force for c in contacts]
@@ -362,6 +384,115 @@ def test_passing_through(shape):
     assert not p.problem.state.started
 
 
+# -- Tools that are carried by a load ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("element", ["hex8", "hex20", "tet10"])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_loaded_ball(element, friction):
+    """The force of contact is the load; the ball goes where a prescribed motion has that force."""
+    p = pressed(ball(2.0), element, friction=friction, free="z")
+    tool, load = p.contact.tool, np.array([0.0, 0.0, 30.0])
+    tool.applied_force = load / 3
+    p.problem.solve()
+    tool.applied_force = load
+    p.problem.solve()
+    assert tool.force[2] == pytest.approx(-30, rel=1e-9)
+    np.testing.assert_allclose(tool.reaction_force[:2], -tool.force[:2])
+    assert tool.reaction_force[2] == 0
+    last = [i["force"] for i in p.problem.history][-3:]
+    assert last[2] < 1e-9 and last[2] < 1e-3 * last[1] < 1e-4 * last[0]
+    # Prescribed components are what they were told to be
+    motion = p.problem._cpp_object.tool_motion(tool.describe())
+    np.testing.assert_allclose([*motion[:2], *motion[3:]], 0, atol=1e-15)
+    q = pressed(ball(2.0), element, friction=friction)
+    middle = comm.bcast(float(tool.translation[2]))
+    assert 0.02 < middle < 0.2
+    if friction == 0:
+        q.contact.tool.translation = (0, 0, middle)
+        q.problem.solve()
+        assert q.contact.tool.force[2] == pytest.approx(-30, rel=1e-7)
+
+
+def test_all_components_free():
+    """A plate on a ball joint finds the slope of a block's bottom, with an eccentric load too."""
+    p = pressed(meshed(), "hex20", free="z rx ry")
+    tool = p.contact.tool
+    tool.rotation = (0, 0, 0)
+    for t in (0.3, 1.0):
+        tool.applied_force, tool.applied_moment = (0, 0, 20 * t), (1.0 * t, -0.6 * t, 0)
+        p.problem.solve()
+    np.testing.assert_allclose(tool.force[2], -20, rtol=1e-9)
+    np.testing.assert_allclose(tool.moment[:2], [-1.0, 0.6], atol=1e-8)
+    assert tool.rotation[0] > 1e-4 and tool.rotation[1] < -1e-4 and tool.rotation[2] == 0
+    # Pressures act where force and moment do
+    centre = p.contact.summary()["centre"] - [0.5, 0.5, 0]
+    np.testing.assert_allclose(centre[:2], [0.6 / 20, 1.0 / 20], rtol=0.05)
+
+
+def test_roller_that_is_driven():
+    """A moment turns a roller below a block until friction balances it."""
+    p = pressed(
+        lambda: dm.RigidCylinder((0.5, 0.5, -0.5), (0, 1, 0), 0.5),
+        "hex20",
+        cells=(8, 2, 2),
+        friction=0.3,
+        free="ry",
+    )
+    tool = p.contact.tool
+    tool.translation = (0, 0, 0.05)
+    p.problem.solve()
+    for moment in (1.0, 2.0, 4.0):
+        tool.applied_moment[1] = moment
+        p.problem.solve()
+        assert tool.moment[1] == pytest.approx(-moment, rel=1e-8)
+    assert 0.001 < tool.rotation[1] < 0.1
+    assert p.contact.force[0] > 0
+
+
+def test_body_tied_to_a_loaded_tool():
+    """A grip that pulls: its force is the load, and its path that of a force on the free end."""
+    p = pressed(plane(), "hex20", kind=dm.Tie, free="all")
+    tool = p.contact.tool
+    tool.applied_force, tool.applied_moment = (2.0, 1.0, -3.0), (0.1, 0.2, 0.3)
+    p.problem.solve()
+    np.testing.assert_allclose(tool.force, [-2, -1, 3], rtol=1e-8)
+    # Moment about where the reference point is now; ties act at reference positions
+    assert p.problem.history[-1]["force"] < 1e-9
+    assert tool.translation[2] < 0
+
+
+def test_loads_are_saved(tmp_path):
+    runs = []
+    for again in (False, True):
+        p = pressed(ball(2.0), "hex8", friction=0.2, free="z ry")
+        tool = p.contact.tool
+        tool.applied_force = (0, 0, 20)
+        if again:
+            p.problem.load(tmp_path / "state")
+        else:
+            p.problem.solve()
+            p.problem.save(tmp_path / "state")
+        tool.applied_force, tool.translation[0] = (0, 0, 30), 0.01
+        p.problem.solve()
+        runs.append(np.concatenate([tool.force, tool.moment, tool.translation, tool.rotation]))
+    np.testing.assert_allclose(runs[0], runs[1], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("solver", [{"pc_type": "cholesky"}, {"pc_type": "gamg"}])
+def test_loaded_with_other_solvers(solver):
+    p, q = (
+        pressed(meshed(), "hex20", cells=(4, 4, 3), free="z rx", petsc_options=options)
+        for options in (None, solver)
+    )
+    for x in (p, q):
+        x.contact.tool.applied_force, x.contact.tool.applied_moment = (0, 0, 10), (0.5, 0, 0)
+        x.problem.solve()
+    assert np.linalg.norm(p.contact.tool.rotation) > 1e-4
+    np.testing.assert_allclose(q.contact.force, p.contact.force, atol=1e-6)
+    np.testing.assert_allclose(q.contact.tool.translation, p.contact.tool.translation, atol=1e-7)
+
+
 SHAPES = {
     "plane": lambda: dm.RigidPlane((0.3, 0.4, 0.01), (0.1, -0.05, 1)),
     "sphere": lambda: dm.RigidSphere((0.4, 0.6, -1.5), 1.52),
@@ -373,14 +504,23 @@ SHAPES = {
 
 
 @pytest.mark.serial
+@pytest.mark.parametrize("free", ["", "all"])
 @pytest.mark.parametrize("friction", [0.0, 0.3])
 @pytest.mark.parametrize("element", ["hex8", "hex20", "hex27", "tet4", "tet10"])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_jacobian(shape, element, friction):
+def test_jacobian(shape, element, friction, free):
     """The whole Newton matrix against differences, columns of the tool's frame included."""
     p = pressed(
-        SHAPES[shape], element, cells=(2, 2, 1), friction=friction, initial_active="all"
+        SHAPES[shape],
+        element,
+        cells=(2, 2, 1),
+        friction=friction,
+        initial_active="all",
+        free=free,
+        rotation=(0.4, -0.7, 0.3) if free else (0, 0, 0),
     )
+    p.contact.tool.applied_moment = (3.0, -2.0, 5.0)
+    p.contact.tool.describe()
     state, step, x = random_state(p.problem, p.contact, spread=8.0)
     worst, status, *_ = newton.check(p.problem, state, step, x)
     assert worst < 1e-8
@@ -394,7 +534,7 @@ def random_state(problem, contact, spread):
     problem.u.x.array[:] = 4e-3 * rng.standard_normal(len(problem.u.x.array))
     state, step = cpp.begin()
     x = np.zeros(n + problem.coupling.size)
-    x[:n] = cpp.displacements().ravel()
+    x[:n] = cpp.unknowns()
     first = cpp.evaluate(state, step, x).interfaces.interfaces[0]
     x[:n] += 4e-3 * rng.standard_normal(n)
     normal = first.configuration.normals[: contact.data.slave.num_owned]
@@ -418,6 +558,7 @@ def test_bad_input():
         (lambda: dm.RigidSurface(b.mesh, tags, 1, None), "needs a reference_point"),
         (lambda: dm.RigidSurface(b.mesh, tags, 1.5, (0, 0, 0)), "must be a whole number"),
         (lambda: dm.RigidSurface(b.V, tags, 1, (0, 0, 0)), "must be a dolfinx.mesh.Mesh"),
+        (lambda: setattr(dm.RigidSphere((0, 0, 0), 1), "free", "z q"), "free is 'q'"),
         (lambda: dm.RigidPlane((0, 0, 0), (0, 0, 1)).force, "not part of a ContactProblem yet"),
     ):
         fails(make, word)
@@ -433,4 +574,4 @@ def test_bad_input():
     # A motion that differs between ranks
     if comm.size > 1:
         p.contact.tool.translation = (0, 0, 0.01 * (1 + comm.rank))
-        fails(p.problem.solve, "translation of interface 0 is", "on rank 1")
+        fails(p.problem.solve, "translation of the tool of interface 0 is", "on rank 1")

@@ -177,6 +177,8 @@ class Interface:
     def update_fields(self) -> None:
         """Let the fields show the last accepted state. Collective."""
         self._fields.update(self._cpp.results(self._index))
+        if self.tool is not None:
+            self.tool.update(self._cpp)
 
     # -- What follows from the state -------------------------------------------
 

@@ -97,9 +97,8 @@ class ContactProblem(memory.Destroyable):
         memory.free_forgotten(self.comm)
         form_options = {"form_compiler_options": form_compiler_options, "jit_options": jit_options}
         form_options = {k: v for k, v in form_options.items() if v is not None}
-        self._prefix, self._warned = petsc_options_prefix, False
+        self._prefix, self._warned, this = petsc_options_prefix, False, weakref.ref(self)
         self.interrupts: interrupts.Interrupts | None = None
-        this = weakref.ref(self)
         try:
             problem = cpp.ContactProblem(
                 self.comm.py2f(),
@@ -152,8 +151,8 @@ class ContactProblem(memory.Destroyable):
     def stabilisation(self) -> dict[str, float]:
         """What the springs of ``stabilise`` did at the end of the last solve.
 
-        ``force`` relative to the contact forces, ``energy``, and ``energy_share`` of the work of
-        the contact forces. A solve at whose end a share is above 1e-3 fails.
+        ``force`` relative to that of contact, ``energy``, and ``energy_share`` of the work of
+        contact. A solve at whose end a share is above 1e-3 fails.
         """
         return self._cpp_object.stabilisation
 
@@ -265,8 +264,7 @@ class ContactProblem(memory.Destroyable):
         """
         forces, layout = self._cpp_object.reactions(), self.coupling.layout
         body = self._cpp_object.space_of(bc._cpp_object)
-        start = sum(layout.num_owned[:body])
-        own = forces[start : start + layout.num_owned[body]].ravel()
+        own = forces[layout.owned_start(body) :][: layout.num_owned[body]].ravel()
         dofs = bc._cpp_object.dof_indices()[0]
         dofs = dofs[dofs < own.size]  # ghosts come last
         sums = [own[dofs[dofs % 3 == c]].sum() for c in range(3)]

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from .interfaces import Interface
 
 
+_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+
+
 class RigidTool:
     """What the rigid tools have in common: motion, and the forces on them.
 
@@ -33,6 +36,13 @@ class RigidTool:
             print(ball.force)
 
     A problem begins with the tool where its motion puts it when the problem is made.
+
+    A tool can be carried by a load instead, in all or in some of its six components::
+
+        ball.free = "z"  # before the problem is made
+        ball.applied_force = (0, 0, -10)
+        problem.solve()
+        print(ball.translation[2])
     """
 
     #: Facets, where the tool has them
@@ -43,6 +53,7 @@ class RigidTool:
             tool.reference_point = arguments.vector("reference_point", reference_point)
         self._tool = tool
         self._translation, self._rotation = np.zeros(3), np.zeros(3)
+        self._applied_force, self._applied_moment = np.zeros(3), np.zeros(3)
         self._interfaces: list[weakref.ref[Interface]] = []
 
     @property
@@ -52,7 +63,10 @@ class RigidTool:
 
     @property
     def translation(self) -> npt.NDArray[np.float64]:
-        """Translation [length], shape (3,); its entries may be set. Read when a solve begins."""
+        """Translation [length], shape (3,); its entries may be set. Read when a solve begins.
+
+        Where it is free it shows the last solution.
+        """
         return self._translation
 
     @translation.setter
@@ -67,6 +81,56 @@ class RigidTool:
     @rotation.setter
     def rotation(self, value: Any) -> None:
         self._rotation[:] = arguments.vector("rotation", value)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Components that are not prescribed but loaded, of ``"x y z rx ry rz"``; none at first.
+
+        Set it before a problem is made, to names in one string or several, or ``"all"``. Where the
+        rotation is free its vector must stay shorter than 2π.
+        """
+        return tuple(name for name, free in zip(_COMPONENTS, self._tool.free) if free)
+
+    @free.setter
+    def free(self, value: Any) -> None:
+        self.check_free()
+        names = value.split() if isinstance(value, str) else list(value)
+        names = list(_COMPONENTS) if names == ["all"] else names
+        for name in names:
+            arguments.choice("free", name, [*_COMPONENTS, "all"])
+        self._tool.free = [int(name in names) for name in _COMPONENTS]
+
+    @property
+    def applied_force(self) -> npt.NDArray[np.float64]:
+        """Force on the reference point, in free components, shape (3,); entries may be set."""
+        return self._applied_force
+
+    @applied_force.setter
+    def applied_force(self, value: Any) -> None:
+        self._applied_force[:] = arguments.vector("applied_force", value)
+
+    @property
+    def applied_moment(self) -> npt.NDArray[np.float64]:
+        """Moment about the reference point, in free components, shape (3,); entries may be set."""
+        return self._applied_moment
+
+    @applied_moment.setter
+    def applied_moment(self, value: Any) -> None:
+        self._applied_moment[:] = arguments.vector("applied_moment", value)
+
+    @property
+    def reaction_force(self) -> npt.NDArray[np.float64]:
+        """Force that holds the tool in prescribed components, zero in free ones. Collective."""
+        return np.where(self._tool.free[:3], 0.0, -self.force)
+
+    @property
+    def reaction_moment(self) -> npt.NDArray[np.float64]:
+        """Moment that holds the tool in prescribed components, as above. Collective.
+
+        Where some components of the rotation are free and others not it is the moment that acts,
+        without what is applied.
+        """
+        return np.where(self._tool.free[3:], 0.0, -self.moment)
 
     @property
     def force(self) -> npt.NDArray[np.float64]:
@@ -95,7 +159,15 @@ class RigidTool:
         """The tool as the C++ library takes it, with its present motion."""
         self._tool.translation = arguments.vector("translation", self._translation)
         self._tool.rotation = arguments.vector("rotation", self._rotation)
+        self._tool.force = arguments.vector("applied_force", self._applied_force)
+        self._tool.moment = arguments.vector("applied_moment", self._applied_moment)
         return self._tool
+
+    def update(self, problem: cpp.ContactProblem) -> None:
+        """Show the motion of free components in the last accepted state."""
+        motion, free = problem.tool_motion(self._tool), np.array(self._tool.free, dtype=bool)
+        self._translation[free[:3]] = np.array(motion[:3])[free[:3]]
+        self._rotation[free[3:]] = np.array(motion[3:])[free[3:]]
 
     def check_free(self) -> None:
         """Refuse a tool that is in a problem already."""
@@ -115,7 +187,8 @@ class RigidTool:
     def present_values(self) -> dict[str, Any]:
         """Its motion at present, to be the same on all ranks."""
         tool = self.describe()
-        return {"translation": list(tool.translation), "rotation": list(tool.rotation)}
+        names = ("translation", "rotation", "force", "moment")
+        return {f"{name} of the tool": list(getattr(tool, name)) for name in names}
 
     def numbers(self) -> list[float]:
         """Numbers that describe the tool, to be the same on all ranks."""

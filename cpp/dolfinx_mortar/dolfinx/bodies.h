@@ -14,6 +14,7 @@
 #include <dolfinx_mortar/geometry/rigid_tool.h>
 #include <dolfinx_mortar/surface/surface.h>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -59,12 +60,13 @@ std::size_t
 space_of(std::span<const std::shared_ptr<const FunctionSpace>> spaces,
          const DirichletBC& bc);
 
-/// @brief Non-zero for local displacements with a Dirichlet condition, shape
-/// (num_local_blocks, 3). Tools are prescribed.
+/// @brief Non-zero for local unknowns with a Dirichlet condition, shape
+/// (num_local_blocks, 3). So are tools, where they are not free.
 std::vector<std::int8_t>
 prescribed_dofs(const Layout& layout,
                 std::span<const std::shared_ptr<const FunctionSpace>> spaces,
-                std::span<const std::shared_ptr<const DirichletBC>> bcs);
+                std::span<const std::shared_ptr<const DirichletBC>> bcs,
+                std::span<const std::shared_ptr<const RigidTool>> tools = {});
 
 /// @brief The surface that tagged facets of one or more bodies make up.
 /// Collective.
@@ -117,6 +119,37 @@ public:
   /// @brief Displacements of the owned dofs.
   std::vector<double> displacements() const;
 
+  /// @brief The unknowns in place of the displacements: the same, but for tools
+  /// that are carried by a load. The twelve dofs of such a frame are six
+  /// unknowns, translation and rotation vector times the length of an axis, and
+  /// six zeros.
+  std::vector<double> unknowns() const;
+
+  /// @brief Set displacements by the unknowns. Collective.
+  void set_unknowns(std::span<const double> owned);
+
+  /// @brief Displacement dofs of this rank where unknowns are not the
+  /// displacements: twelve for each loaded tool on rank 0.
+  std::vector<std::int32_t> tool_dofs() const;
+
+  /// @brief Forces that do the same work on changes of the unknowns, Cᵀ f with
+  /// C of tool_jacobian.
+  /// @param[in,out] forces Of the owned displacement dofs.
+  void reduce_forces(std::vector<double>& forces) const;
+
+  /// @brief Derivative C of displacements by unknowns; null where these are the
+  /// same. Collective.
+  Matrix tool_jacobian() const;
+
+  /// @brief Derivative of Cᵀ f by the unknowns, f fixed, at tools whose loads
+  /// do not turn with them. Collective.
+  /// @param[in] forces f of the owned displacement dofs, without the loads.
+  Matrix tool_stiffness(std::span<const double> forces) const;
+
+  /// @brief Translation and rotation vector of a tool that is carried by a
+  /// load; of another one, where it was told to be.
+  std::array<double, 6> tool_motion(std::size_t tool) const;
+
   /// @brief Displacements of the local blocks of all bodies.
   std::vector<double> local_displacements() const;
 
@@ -127,8 +160,8 @@ public:
   /// @brief Set the displacements, ghosts included. Collective.
   void set_displacements(std::span<const double> owned);
 
-  /// @brief Residual forces of the owned dofs at the present displacement.
-  /// Collective.
+  /// @brief Residual forces of the owned dofs at the present displacement,
+  /// loads of tools included. Collective.
   std::vector<double> residual() const;
 
   /// @brief Tangent at the present displacement. Collective.
@@ -144,7 +177,8 @@ public:
   /// @throw std::invalid_argument A condition is on none of the spaces.
   void set_conditions(std::vector<std::shared_ptr<const DirichletBC>> bcs);
 
-  /// @brief Values of the Dirichlet conditions at the owned dofs, else zero.
+  /// @brief Values of the Dirichlet conditions at the owned unknowns, else
+  /// zero.
   std::vector<double> prescribed_values() const;
 
   /// Cells that are turned inside out, on all ranks, and the middle of the
@@ -170,12 +204,28 @@ private:
   std::vector<std::array<double, 12>>
   tool_values(std::span<const double> owned) const;
 
+  /// Six unknowns by the displacements of a frame.
+  std::array<double, 6> motion_of(std::size_t tool) const;
+
+  /// Derivative of the displacements of a frame by its six unknowns.
+  Eigen::Matrix<double, 12, 6> frame_jacobian(std::size_t tool) const;
+
+  /// First of the owned dofs of a loaded tool; none on other ranks.
+  std::optional<std::int32_t> loaded_dofs(std::size_t tool) const;
+
+  /// Subtract the loads of tools from residual forces.
+  void subtract_loads(std::vector<double>& forces) const;
+
+  /// Length of the axes of the frame of a tool.
+  double axis(std::size_t tool) const;
+
   /// Reference positions of the frame of a tool.
   std::array<double, 12> frame(std::size_t tool) const;
 
   std::vector<Body> _bodies;
   std::vector<std::shared_ptr<const RigidTool>> _tools;
   std::vector<std::array<double, 12>> _tool_displacements;
+  std::vector<std::array<double, 6>> _tool_motions;
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
   std::vector<Matrix> _tangents;

@@ -57,6 +57,23 @@ struct CoupledInterface
   std::int32_t num_owned() const { return data.slave.num_owned; }
 };
 
+/// @brief A rigid tool some of whose six components are free.
+struct LoadedTool
+{
+  /// Its frame
+  Tool frame;
+
+  /// Part of the layout that the frame is
+  std::int32_t part = 0;
+
+  /// Non-zero for free components, of translation and rotation
+  std::array<std::int8_t, 6> free = {};
+
+  /// First of the twelve owned dofs of the frame; negative where another rank
+  /// owns them
+  std::int32_t first_dof = -1;
+};
+
 /// @brief All interfaces of a problem, and where their multipliers are in its
 /// vectors: a description, which does not change.
 ///
@@ -73,8 +90,12 @@ struct Coupling
   std::int32_t num_nodes = 0;
   std::int64_t first_node = 0;
 
-  /// Owned displacement dofs (local) with a Dirichlet condition, ascending
+  /// Owned displacement dofs (local) with a Dirichlet condition, ascending; of
+  /// loaded tools they are those of the unknowns, see Bodies::unknowns
   std::vector<std::int32_t> fixed_dofs;
+
+  /// Tools that are carried by a load
+  std::vector<LoadedTool> loaded_tools;
 
   /// Some node is slave of one interface and master of another
   bool chained = false;

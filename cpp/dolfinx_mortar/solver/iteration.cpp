@@ -13,23 +13,29 @@ Iteration dolfinx_mortar::evaluate(Bodies& bodies, const Coupling& coupling,
 {
   const std::size_t n = coupling.layout.size();
   const std::span<const double> u = x.first(n), z = x.subspan(n);
-  bodies.set_displacements(u);
+  bodies.set_unknowns(u);
+  const std::vector<double> moved = bodies.displacements();
   Iteration it;
   it.free_forces = bodies.residual();
   for (std::size_t i = 0; i < step.springs.size(); ++i)
-    it.free_forces[i] += step.springs[i] * (u[i] - step.spring_origin[i]);
+    it.free_forces[i] += step.springs[i] * (moved[i] - step.spring_origin[i]);
   it.interfaces
-      = evaluate(coupling, step, state, bodies.local_displacements(), u, z);
+      = evaluate(coupling, step, state, bodies.local_displacements(), moved, z);
   it.residual = it.free_forces;
   for (std::size_t i = 0; i < n; ++i)
     it.residual[i] += it.interfaces.force[i];
+  bodies.reduce_forces(it.residual);
   std::vector<double> at_work = it.interfaces.force;
+  std::vector<std::int8_t> is_load(n, 0);
+  for (std::int32_t dof : bodies.tool_dofs())
+    is_load[dof] = 1;
   const std::vector<double> prescribed = bodies.prescribed_values();
   for (std::int32_t dof : coupling.fixed_dofs)
   {
     at_work.push_back(it.residual[dof]);
     it.residual[dof] = u[dof] - prescribed[dof];
-    it.free_forces[dof] = 0;
+    if (!is_load[dof])
+      it.free_forces[dof] = 0;
   }
   it.force_scale = norm(coupling.comm(), at_work);
   it.residual.insert(it.residual.end(), it.interfaces.constraints.begin(),

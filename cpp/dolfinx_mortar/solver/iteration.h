@@ -10,17 +10,19 @@
 
 namespace dolfinx_mortar
 {
-/// @brief Everything that follows from displacements and multipliers [u, z].
+/// @brief Everything that follows from unknowns and multipliers.
 struct Iteration
 {
   /// Of the interfaces
   Evaluation interfaces;
 
-  /// Residual [forces, constraints]; at Dirichlet dofs the distance to the
+  /// Residual [forces, constraints], forces as reduce_forces has them; at
+  /// Dirichlet dofs the distance to the
   /// prescribed displacement
   std::vector<double> residual;
 
-  /// Residual forces without those of contact, zero at Dirichlet dofs
+  /// Residual forces without those of contact, zero at Dirichlet dofs; those of
+  /// loaded tools at the nodes of their frames
   std::vector<double> free_forces;
 
   /// Size of the forces at work: reactions and contact forces
@@ -30,7 +32,8 @@ struct Iteration
 /// @brief Evaluate bodies and interfaces. Collective.
 /// @param[in,out] bodies Their displacements are set.
 /// @param[in] coupling,step,state What does not change in a solve.
-/// @param[in] x Displacements and multipliers of the owned dofs.
+/// @param[in] x Unknowns (see Bodies::unknowns) and multipliers of the owned
+/// dofs.
 Iteration evaluate(Bodies& bodies, const Coupling& coupling, const Step& step,
                    const State& state, std::span<const double> x);
 } // namespace dolfinx_mortar

@@ -172,6 +172,7 @@ void Newton::linearise(std::span<const double> x)
                                     x.first(_coupling.layout.size()));
   run.system = dolfinx_mortar::linearise(_coupling, run.step, *run.state,
                                          it.interfaces, K);
+  reduce_tools(_bodies, it.interfaces, *run.system);
   if (_coupling.has_contact())
     check_support(K.get());
 }

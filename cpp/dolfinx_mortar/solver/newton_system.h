@@ -7,6 +7,7 @@
 #include <Eigen/Dense>
 #include <array>
 #include <cstdint>
+#include <dolfinx_mortar/dolfinx/bodies.h>
 #include <vector>
 
 namespace dolfinx_mortar
@@ -105,4 +106,12 @@ struct NewtonSystem
 NewtonSystem linearise(const Coupling& coupling, const Step& step,
                        const State& state, const Evaluation& evaluation,
                        Matrix K, bool damped = true);
+
+/// @brief Let the unknowns of loaded tools stand for the displacements of their
+/// frames. Collective.
+/// @param[in] bodies Bodies, at the iterate.
+/// @param[in] evaluation Evaluation there.
+/// @param[in,out] system From linearise.
+void reduce_tools(const Bodies& bodies, const Evaluation& evaluation,
+                  NewtonSystem& system);
 } // namespace dolfinx_mortar

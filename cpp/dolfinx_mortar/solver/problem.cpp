@@ -10,47 +10,12 @@
 #include <dolfinx_mortar/common/error.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <dolfinx_mortar/multiplier/multiplier.h>
-#include <dolfinx_mortar/surface/patches.h>
-#include <numbers>
 #include <stdexcept>
 
 using namespace dolfinx_mortar;
 
 namespace
 {
-std::string tag_name(const std::vector<TaggedFacets>& parts)
-{
-  return parts.empty() ? "an analytic tool"
-                       : "facet tag " + std::to_string(parts.front().tag);
-}
-
-/// Frame of a tool that is a body of a layout.
-Tool create_tool(const Layout& layout, std::size_t body, const RigidTool& tool)
-{
-  Tool t;
-  const std::int32_t start = layout.local_start(body);
-  for (int l = 0; l < 4; ++l)
-  {
-    t.blocks[l] = layout.blocks[body][l];
-    t.local_blocks[l] = start + l;
-  }
-  std::copy_n(layout.X.begin() + 3 * start, 12, t.X.begin());
-  std::copy_n(tool.reference_point.data(), 3, t.point.begin());
-  t.shape = tool.shape();
-  return t;
-}
-
-/// Surface of a tool, which has no facets where it is analytic. Collective.
-Surface create_master(const Layout& layout, const InterfaceOptions& options,
-                      const Tool& tool)
-{
-  if (!tool.shape)
-    return create_tool_surface(options.master, tool.local_blocks[0]);
-  Surface s;
-  s.comm = layout.comm;
-  return s;
-}
-
 /// Whether to condense the multipliers.
 bool choose_condensation(std::optional<bool> condense, const Coupling& coupling)
 {
@@ -162,13 +127,13 @@ void check_state(const Coupling& coupling, const State& state)
 /// Some node of this rank is in contact.
 bool is_touching(const Evaluation& evaluation)
 {
-  return std::ranges::any_of(
-      evaluation.interfaces,
-      [](const InterfaceEvaluation& i)
-      {
-        return std::ranges::any_of(i.law.status, [](Status s)
-                                   { return s != Status::open; });
-      });
+  return std::ranges::any_of(evaluation.interfaces,
+                             [](const InterfaceEvaluation& i)
+                             {
+                               return std::ranges::any_of(
+                                   i.law.status,
+                                   [](Status s) { return s != Status::open; });
+                             });
 }
 
 std::vector<double> concatenate(std::span<const double> u,
@@ -180,58 +145,6 @@ std::vector<double> concatenate(std::span<const double> u,
 }
 } // namespace
 
-//-----------------------------------------------------------------------------
-std::vector<std::shared_ptr<const RigidTool>>
-dolfinx_mortar::tools_of(const std::vector<InterfaceOptions>& interfaces)
-{
-  std::vector<std::shared_ptr<const RigidTool>> tools;
-  for (const InterfaceOptions& i : interfaces)
-  {
-    if (i.tool and std::ranges::find(tools, i.tool) == tools.end())
-      tools.push_back(i.tool);
-  }
-  return tools;
-}
-//-----------------------------------------------------------------------------
-Coupling dolfinx_mortar::create_coupling(
-    Layout layout, std::span<const std::shared_ptr<const FunctionSpace>> spaces,
-    std::span<const std::int8_t> prescribed,
-    const std::vector<InterfaceOptions>& interfaces)
-{
-  const auto tools = tools_of(interfaces);
-  std::vector<CoupledInterface> coupled;
-  for (const InterfaceOptions& i : interfaces)
-  {
-    CoupledInterface c;
-    c.contact = i.contact;
-    c.min_coverage = i.min_coverage;
-    c.feature_angle = i.feature_angle * std::numbers::pi / 180;
-    c.x_slave = i.x_slave;
-    c.x_master = i.x_master;
-    c.slave_name = tag_name(i.slave);
-    c.master_name = tag_name(i.master);
-    std::optional<Tool> tool;
-    if (i.tool)
-    {
-      const std::size_t t = std::ranges::find(tools, i.tool) - tools.begin();
-      tool = create_tool(layout, spaces.size() + t, *i.tool);
-    }
-    Surface slave = create_surface(layout, spaces, i.slave, "slave");
-    // An analytic tool has one normal at a node, whatever meets there
-    if (i.contact and !(tool and tool->shape))
-      slave = split_at_edges(slave, c.feature_angle);
-    Surface master = tool ? create_master(layout, i, *tool)
-                          : create_surface(layout, spaces, i.master, "master");
-    c.space = i.space;
-    IntegrationOptions options = i.integration;
-    options.leave_distant = i.contact.has_value();
-    c.data = create_interface(std::move(slave), std::move(master), options);
-    c.data.normal = i.normal;
-    c.data.tool = tool;
-    coupled.push_back(std::move(c));
-  }
-  return create_coupling(std::move(layout), std::move(coupled), prescribed);
-}
 //-----------------------------------------------------------------------------
 ContactProblem::ContactProblem(
     MPI_Comm comm, std::vector<Body> bodies,
@@ -349,7 +262,7 @@ int ContactProblem::solve()
   try
   {
     auto [state, step] = begin();
-    const std::vector<double> x = concatenate(u, state.z);
+    const std::vector<double> x = concatenate(_bodies.unknowns(), state.z);
     double overlap = 0;
     if (_coupling.has_contact() and !state.started)
     {
@@ -391,8 +304,7 @@ std::shared_ptr<const Evaluation>
 ContactProblem::solve_stabilised(State& state, Step& step,
                                  std::span<const double> x, double overlap)
 {
-  const std::span<const double> u = x.first(_coupling.layout.size());
-  const std::vector<double> origin(u.begin(), u.end());
+  const std::vector<double> u = _bodies.displacements();
   const std::vector<double> springs
       = create_springs(_coupling, u, diagonal(_bodies.tangent().get()));
   std::vector<double> from(x.begin(), x.end());
@@ -406,15 +318,14 @@ ContactProblem::solve_stabilised(State& state, Step& step,
                         _bodies.local_displacements(), _bodies.extend(state.u),
                         state);
     }
-    step.spring_origin = origin;
+    step.spring_origin = u;
     step.springs = springs;
     for (double& k : step.springs)
       k *= stage * _options.stabilise;
     // A body that has come near to another one by now meets it on its way
     if (solution and !any(_coupling.comm(), is_touching(*solution)))
     {
-      const Iteration first
-          = evaluate(_bodies, _coupling, step, state, from);
+      const Iteration first = evaluate(_bodies, _coupling, step, state, from);
       step.forced = initial_status(_coupling, step, state, first.interfaces,
                                    _initial_active, first.free_forces);
     }
@@ -429,7 +340,7 @@ ContactProblem::solve_stabilised(State& state, Step& step,
                                  : error.what());
     }
     _num_iterations += _newton->num_iterations();
-    from = concatenate(solution->u, solution->z);
+    from = concatenate(_bodies.unknowns(), solution->z);
     step.forced.clear();
     _stabilisation = measure_stabilisation(_coupling, step, *solution);
   }

@@ -62,6 +62,17 @@ MatrixXd rigid_modes(std::span<const double> x, double scale)
   }
   return modes;
 }
+/// Non-zero for the dofs of loaded tools, which are not those of unknowns.
+std::vector<std::int8_t> loaded_dofs(const Coupling& coupling)
+{
+  std::vector<std::int8_t> flags(coupling.layout.size(), 0);
+  for (const LoadedTool& tool : coupling.loaded_tools)
+  {
+    if (tool.first_dof >= 0)
+      std::fill_n(flags.begin() + tool.first_dof, 12, 1);
+  }
+  return flags;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -88,9 +99,30 @@ MatrixXd dolfinx_mortar::free_motions(const Coupling& coupling,
   const MatrixXd modes = rigid_modes(x, scale > 0 ? scale : 1.0);
 
   std::vector<MatrixXd> grams(layout.num_parts, MatrixXd::Zero(6, 6));
+  const std::vector<std::int8_t> of_load = loaded_dofs(coupling);
   for (std::int32_t dof : coupling.fixed_dofs)
   {
-    grams[label[dof / 3]] += modes.row(dof).transpose() * modes.row(dof);
+    if (!of_load[dof])
+      grams[label[dof / 3]] += modes.row(dof).transpose() * modes.row(dof);
+  }
+  for (const LoadedTool& tool : coupling.loaded_tools)
+  {
+    if (tool.first_dof < 0)
+      continue;
+    // Motions of the reference point, and rotations
+    const Eigen::Vector4d N = frame_functions(
+        FrameView(tool.frame.X).coordinates(Vec3(tool.frame.point.data())));
+    MatrixXd motion = MatrixXd::Zero(6, 6);
+    for (int l = 0; l < 4; ++l)
+      motion.topRows(3) += N[l] * modes.middleRows(tool.first_dof + 3 * l, 3);
+    motion.block(3, 3, 3, 3).setIdentity();
+    for (int c = 0; c < 6; ++c)
+    {
+      if (!tool.free[c])
+      {
+        grams[group[tool.part]] += motion.row(c).transpose() * motion.row(c);
+      }
+    }
   }
   std::vector<MatrixXd> free;
   Eigen::Index count = 0;
@@ -142,8 +174,12 @@ MatrixXd dolfinx_mortar::unresisted(const Coupling& coupling,
         K, {motions.col(j).data(), static_cast<std::size_t>(motions.rows())});
     resistance.col(j) = Eigen::Map<const Eigen::VectorXd>(f.data(), f.size());
   }
+  const std::vector<std::int8_t> of_load = loaded_dofs(coupling);
   for (std::int32_t dof : coupling.fixed_dofs)
-    resistance.row(dof).setZero();
+  {
+    if (!of_load[dof])
+      resistance.row(dof).setZero();
+  }
   const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> eigen(
       sum(coupling.comm(), resistance.transpose() * resistance),
       sum(coupling.comm(), scale.transpose() * scale));
