@@ -337,8 +337,21 @@ def supports(V, tags, full):
     return bcs
 
 
-def solve(domain, tags, element, material, p, full=False, petsc_options=None, multiplier="dual"):
-    """Displacement, contact, problem and number of Newton iterations of one load."""
+def solve(
+    domain,
+    tags,
+    element,
+    material,
+    p,
+    full=False,
+    petsc_options=None,
+    multiplier="dual",
+    master=MASTER,
+):
+    """Displacement, contact, problem and number of Newton iterations of one load.
+
+    The master may be `dm.RigidPlane((0, 0, 0), (0, 0, 1))` as well.
+    """
     V = displacement_space(domain, element)
     u, v = fem.Function(V, name="displacement"), ufl.TestFunction(V)
     degree = {"hex8": 3, "tet10": 4}.get(element, 5)
@@ -352,7 +365,7 @@ def solve(domain, tags, element, material, p, full=False, petsc_options=None, mu
         V,
         tags,
         slave=CAP,
-        master=MASTER,
+        master=master,
         initial_active=lambda x: np.hypot(x[0], x[1]) < hertz(p)[1],
         multiplier=multiplier,
         **small,

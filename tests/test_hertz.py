@@ -4,6 +4,7 @@
 
 import functools
 
+import dolfinx_mortar as dm
 import numpy as np
 import pytest
 from demo_loader import load_demo
@@ -60,6 +61,29 @@ def test_hertz_curve(demo, p):
     assert abs((r[active > 0].max() + r[active == 0].min()) / 2 - rho) < h
     # The mesh is a quarter
     assert contact.force[2] == pytest.approx(np.pi * demo.R**2 * p / 4, rel=1e-3)
+
+
+@pytest.mark.parametrize("material", ["linear", "neo-hooke"])
+def test_rigid_plane(demo, material):
+    """A tool in place of the body of one cell: the same force, and pressures as near to Hertz's."""
+    p, largest = 0.2, demo.REFERENCE[material, 0.2][0]
+    domain, tags, h = demo.levelled_mesh("hex20", p, 1, False)
+    plane = dm.RigidPlane((0, 0, 0), (0, 0, 1))
+    found = [
+        demo.solve(domain, tags, "hex20", material, p, master=master)
+        for master in (demo.MASTER, plane)
+    ]
+    force = np.pi * demo.R**2 * p / 4  # the mesh is a quarter, its top no exact disc
+    for u, contact, _, iterations in found:
+        _, pressure, _ = demo.nodal_values(u, contact).T
+        assert pressure.max() == pytest.approx(largest, rel=0.015)
+        assert contact.force[2] == pytest.approx(force, rel=1e-3)
+        assert iterations < 10
+    body, tool = (contact.force for _, contact, _, _ in found)
+    assert tool[2] == pytest.approx(body[2], rel=1e-9)
+    # The body's contact has the slave's normals, which lean outwards
+    np.testing.assert_allclose(tool[:2], 0, atol=1e-9 * tool[2])
+    np.testing.assert_allclose(plane.force, -tool, rtol=1e-12)
 
 
 @pytest.mark.parametrize("element", ["hex8", "hex27", "tet10"])

@@ -11,10 +11,13 @@ from dolfinx import fem
 from dolfinx_mortar import compat
 from dolfinx_mortar.mesh import (
     create_hex20_mesh,
+    create_mesh,
     hex20_permutation,
     model_to_hex20,
     read_abaqus,
+    tags_from_nodes,
 )
+from dolfinx_mortar.mesh.arrays import node_order
 from dolfinx_mortar.plotting import for_output, surface
 from versions import gmsh_reader
 
@@ -72,7 +75,72 @@ def test_two_curved_cells_from_arrays(order):
     assert mesh.topology.index_map(3).size_global == 2
 
 
+ORDERS = ("gmsh", "vtk", "abaqus", "exodus", "basix")
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("cell", ["tet4", "tet10", "hex8", "hex20", "hex27"])
+def test_cells_from_arrays(cell, order):
+    """The map from the reference cell, with all of its nodes, is the identity."""
+    if cell == "hex27" and order in ("abaqus", "exodus"):
+        with pytest.raises(ValueError, match="hex27 cells are known"):
+            node_order(cell, order)
+        return
+    name = {"t": "tetrahedron", "h": "hexahedron"}[cell[0]]
+    element = dm.hex20() if cell == "hex20" else None
+    if element is None:
+        element = basix.ufl.element("Lagrange", name, 2 if cell in ("tet10", "hex27") else 1)
+    nodes = element.basix_element.points * (1, 2, 3)
+    there = np.empty((1, len(nodes)), dtype=np.int64)
+    there[:, node_order(cell, order)] = np.arange(len(nodes))
+    points, cells = (nodes, there) if comm.rank == 0 else (nodes[:0], there[:0])
+    mesh = create_mesh(comm, points, cells, cell, order)
+    volume = 1.0 if cell[0] == "t" else 6.0
+    assert measure(mesh) == pytest.approx(volume, rel=1e-12)
+    x = ufl.SpatialCoordinate(mesh)
+    det = fem.form(ufl.det(ufl.Jacobian(mesh)) ** 2 * ufl.dx(degree=6))
+    jacobian = comm.allreduce(fem.assemble_scalar(det))
+    assert jacobian == pytest.approx(36 * volume, rel=1e-12)
+    moment = comm.allreduce(fem.assemble_scalar(fem.form(x[2] ** 2 * ufl.dx(degree=6))))
+    assert moment == pytest.approx(9 * volume / (10 if cell[0] == "t" else 3), rel=1e-12)
+
+
+def test_tables_of_tetrahedra():
+    """Abaqus's ten nodes: 12, 23, 31, 14, 24, 34; gmsh swaps the last two."""
+    ends = [(0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3)]
+    corners = basix.geometry(basix.CellType.tetrahedron)
+    points = basix.ufl.element("Lagrange", "tetrahedron", 2).basix_element.points
+    for order, swapped in (("abaqus", False), ("vtk", False), ("exodus", False), ("gmsh", True)):
+        theirs = np.empty((10, 3))
+        theirs[node_order("tet10", order)] = points
+        pairs = [*ends[:4], ends[5], ends[4]] if swapped else ends
+        for k, (a, b) in enumerate(pairs):
+            np.testing.assert_allclose(theirs[4 + k], (corners[a] + corners[b]) / 2)
+
+
+def test_tags_from_nodes():
+    """Bottom and one side of a row of cells, by their corner nodes; the cells' seam is no side."""
+    x = np.array([(i, j, k) for i in range(4) for j in range(2) for k in range(2)], dtype=float)
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    corners += [(a, b, 1) for a, b, _ in corners]
+    number = {tuple(p): n for n, p in enumerate(x)}
+    cells = [[number[i + a, b, c] for a, b, c in corners] for i in range(3)]
+    points, cells = (x, cells) if comm.rank == 0 else (x[:0], np.empty((0, 8)))
+    mesh = create_mesh(comm, points, cells, "hex8")
+    bottom, end = np.flatnonzero(x[:, 2] == 0), np.flatnonzero(x[:, 0] == 3)
+    seam = np.flatnonzero(x[:, 0] == 1)
+    tags = tags_from_nodes(mesh, {4: bottom, 7: end, 9: seam})
+    for tag, area in ((4, 3.0), (7, 1.0), (9, 0.0)):
+        assert measure(mesh, tags, tag) == pytest.approx(area, abs=1e-12)
+
+
 def test_wrong_arrays():
+    with pytest.raises(ValueError, match="cell is 'prism6'"):
+        create_mesh(comm, np.empty((0, 3)), np.empty((0, 6)), "prism6")
+    with pytest.raises(ValueError, match="tet10 cells have 10 nodes"):
+        create_mesh(comm, np.empty((0, 3)), np.empty((0, 4)), "tet10")
+    with pytest.raises(ValueError, match="order is 'ansys'"):
+        create_mesh(comm, np.empty((0, 3)), np.empty((0, 4)), "tet4", order="ansys")
     with pytest.raises(ValueError, match="unknown node order 'ansys'"):
         create_hex20_mesh(comm, np.empty((0, 3)), np.empty((0, 20)), order="ansys")
     with pytest.raises(ValueError, match="20 nodes"):
