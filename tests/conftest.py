@@ -68,6 +68,25 @@ def pytest_addoption(parser):
         "--patience", type=float, default=300, help="seconds that a test on several ranks may take"
     )
 
+    parser.addoption(
+        "--every",
+        type=int,
+        default=1,
+        help="of a test with parameters, run the first and each so many-th set of these only",
+    )
+
+
+def pytest_collection_modifyitems(config, items):
+    every, seen, kept = config.getoption("every"), {}, []
+    for item in items:
+        name = item.nodeid.partition("[")[0]
+        seen[name] = seen.get(name, -1) + 1
+        kept.append(seen[name] % every == 0)
+    config.hook.pytest_deselected(
+        items=[i for i, keep in zip(items, kept, strict=True) if not keep]
+    )
+    items[:] = [i for i, keep in zip(items, kept, strict=True) if keep]
+
 
 def pytest_configure(config):
     config.pluginmanager.register(OneOfSeveral(config) if comm.size > 1 else Conductor(config))

@@ -17,6 +17,7 @@ from dolfinx import fem
 from test_bad_input import fails
 
 comm = MPI.COMM_WORLD
+DX = ufl.dx(metadata={"quadrature_degree": 3})
 
 
 @dataclass
@@ -147,13 +148,15 @@ MOVES = (([0, 0, 0.02], [0, 0, 0]), ([0.03, 0.01, 0.02], [0.02, -0.03, 0]))
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize("geometry", ["current", "reference"])
 @pytest.mark.parametrize("elements", [("hex8", "hex20"), ("hex20", "tet10"), ("tet10", "hex8")])
-def test_facets_are_a_body_of_prescribed_nodes(elements, friction):
+def test_facets_are_a_body_of_prescribed_nodes(elements, geometry, friction):
     """The same to the accuracy of Newton's method, for the tool's twelve numbers are exact."""
     box, cells = ((-0.5, -0.5, -1.0), (1.5, 1.5, 0.0)), (2, 3, 1)
-    p = pressed(meshed(elements[1], box, cells), elements[0], friction=friction)
+    options = {"friction": friction, "geometry": geometry}
+    p = pressed(meshed(elements[1], box, cells), elements[0], **options)
     motion = Motion((0.5, 0.5, 0.0))
-    q = prescribed(elements[0], (elements[1], box, cells), motion, friction=friction)
+    q = prescribed(elements[0], (elements[1], box, cells), motion, **options)
     tool = p.contact.tool
     for d, r in MOVES:
         tool.translation, tool.rotation = d, r
@@ -166,9 +169,14 @@ def test_facets_are_a_body_of_prescribed_nodes(elements, friction):
     size = np.linalg.norm(q.contact.force)
     np.testing.assert_allclose(p.contact.force, q.contact.force, atol=1e-8 * size)
     np.testing.assert_allclose(tool.force, q.contact.master_force, atol=1e-8 * size)
-    point = np.array([0.5, 0.5, 0.0]) + MOVES[-1][0]
+    point = np.array([0.5, 0.5, 0.0]) + (MOVES[-1][0] if geometry == "current" else 0)
     moment = q.contact.master_moment - np.cross(point, q.contact.master_force)
     np.testing.assert_allclose(tool.moment, moment, atol=1e-8 * size)
+    X = np.random.default_rng(3).normal(size=(5, 3))
+    np.testing.assert_allclose(tool.positions(X), X + motion(X.T).T, atol=1e-13)
+    V, u = tool.displacement.function_space, tool.displacement.x.array.reshape(-1, 3)
+    x = V.tabulate_dof_coordinates()
+    np.testing.assert_allclose(u, motion(x.T).T, atol=1e-13)
     mine, other = (x.contact.multiplier.x.array for x in (p, q))
     np.testing.assert_allclose(mine, other, atol=1e-6 * np.abs(other).max())
 
@@ -234,16 +242,16 @@ def test_friction_on_a_sphere_and_its_facets():
     """Pressed in steps, and dragged. A step counts slip from where the surfaces were at its start,
     also before they met: for both kinds of pairing only what is slip remains with small steps."""
     forces = []
-    for make in (dome(2.0, 36), ball(2.0)):
+    for make in (dome(2.0, 24), ball(2.0)):
         p = pressed(make, "hex20", cells=(5, 5, 2), friction=0.2, multiplier="dual")
-        for z in np.linspace(0.02, 0.1, 9)[1:]:
+        for z in np.linspace(0.02, 0.1, 6)[1:]:
             p.contact.tool.translation = (0, 0, z)
             p.problem.solve()
         p.contact.tool.translation = (0.01, 0, 0.1)
         p.problem.solve()
         forces.append(p.contact.tool.force)
     facets, exact = forces
-    np.testing.assert_allclose(facets, exact, atol=5e-3 * np.linalg.norm(exact))
+    np.testing.assert_allclose(facets, exact, atol=1e-2 * np.linalg.norm(exact))
 
 
 def pressing(contact):
@@ -301,7 +309,7 @@ def test_tied_body_follows(make, element):
     V = p.problem.spaces[0]
     p.problem.destroy()
     u = fem.Function(V)
-    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * ufl.dx, u, ufl.TestFunction(V))
+    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * DX, u, ufl.TestFunction(V))
     tie = dm.Tie(
         slave=[(V, p.others[0].facet_tags, FACES["z-"])], master=(tool := make()), max_angle=70.0
     )
@@ -345,6 +353,7 @@ def test_saved_and_continued(tmp_path):
         tool = p.contact.tool
         if again:
             p.problem.load(tmp_path / "state")
+            np.testing.assert_allclose(tool.translation, [0, 0, 0.08], atol=1e-12)
         else:
             tool.translation = (0, 0, 0.08)
             p.problem.solve()
@@ -362,7 +371,7 @@ def test_begins_where_the_tool_is():
     b, tool = p.others[0], dm.RigidPlane((0, 0, -1.0), (0, 0, 1))
     tool.translation = (0.5, 0.4, 1.0)
     u = fem.Function(b.V)
-    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * ufl.dx, u, ufl.TestFunction(b.V))
+    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * DX, u, ufl.TestFunction(b.V))
     held = fem.locate_dofs_geometrical(b.V, lambda x: np.isclose(x[2], 0.5))
     bcs = [fem.dirichletbc(fem.Constant(b.mesh, np.zeros(3)), held, b.V)]
     contact = dm.Contact(slave=[(b.V, b.facet_tags, FACES["z-"])], master=tool, friction=0.5)
@@ -568,10 +577,10 @@ def test_bad_input():
     p.contact.tool.translation = (0, 0, 0.01)
     p.problem.solve()
     u = fem.Function(b.V)
-    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * ufl.dx, u, ufl.TestFunction(b.V))
+    F = ufl.derivative(cases.neo_hooke(E, NU)(u) * DX, u, ufl.TestFunction(b.V))
     again = dm.Contact(slave=[(b.V, tags, FACES["z-"])], master=p.contact.tool)
     fails(lambda: dm.ContactProblem(F, u, interfaces=[again]), "part of another ContactProblem")
     # A motion that differs between ranks
     if comm.size > 1:
         p.contact.tool.translation = (0, 0, 0.01 * (1 + comm.rank))
-        fails(p.problem.solve, "translation of the tool of interface 0 is", "on rank 1")
+        fails(p.problem.solve, "translation of the tool of contact 0 is", "on rank 1")

@@ -115,3 +115,26 @@ def direction(name: str, value: Any) -> npt.NDArray[np.float64]:
     if n.shape != (3,) or not np.isfinite(n).all() or not n.any():
         raise ValueError(f"{name} is {value!r}, but must be three finite numbers, not all zero.")
     return n / np.linalg.norm(n)
+
+
+def petsc_options(prefix: Any, options: Any) -> dict[str, str]:
+    """Return PETSc options as text."""
+    options = {} if options is None else options
+    if not isinstance(prefix, str):
+        raise ValueError(f"petsc_options_prefix is {prefix!r}, but must be a string.")
+    if not isinstance(options, dict) or any(not isinstance(key, str) for key in options):
+        raise ValueError(
+            f"petsc_options are {options!r}, but must be a dictionary whose keys are strings, "
+            "names of PETSc options without the prefix."
+        )
+
+    def text(value: Any) -> str:
+        if value is None:
+            return ""
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, list | tuple):
+            return ",".join(map(text, value))
+        return str(value)
+
+    return {key: text(value) for key, value in options.items()}

@@ -87,7 +87,7 @@ class ContactProblem(memory.Destroyable):
             self._interfaces = _check_interfaces(interfaces, same)
             same["condense"] = condense
             same["stabilise"] = arguments.positive("stabilise", stabilise, "a share of stiffness")
-            options = _petsc_options(petsc_options_prefix, petsc_options)
+            options = arguments.petsc_options(petsc_options_prefix, petsc_options)
             same["petsc_options"] = sorted(
                 cpp.effective_options(petsc_options_prefix, options).items()
             )
@@ -302,7 +302,7 @@ class ContactProblem(memory.Destroyable):
             same["tolerances of snes"] = problem.snes.getTolerances()
             for k, i in enumerate(self._interfaces):
                 for name, value in i.present_values().items():
-                    same[f"{name} of interface {k}"] = value
+                    same[f"{name} of {type(i).__name__.lower()} {k}"] = value
             functions = as_list(self.u)
             if len(functions) != len(self._functions) or any(
                 f is not g for f, g in zip(functions, self._functions, strict=True)
@@ -378,6 +378,8 @@ class ContactProblem(memory.Destroyable):
     def load(self, path: str | Path) -> None:
         """Continue from a file of :meth:`save`, on any number of ranks. Collective.
 
+        Rigid tools get the motion that they had.
+
         Raises:
             RuntimeError: The file is missing, truncated, or of another problem; the state is
                 unchanged.
@@ -393,6 +395,8 @@ class ContactProblem(memory.Destroyable):
             self._cpp_object.restore(before, u)
             raise
         self._update_fields()
+        for tool in {i.tool for i in self._interfaces if i.tool is not None}:
+            tool.update(self._cpp_object, every=True)
 
 
 # -- What a problem is given: checked, or a ValueError says what does not fit --------------
@@ -419,29 +423,6 @@ def _poll(problem: ContactProblem | None) -> None:
 def _as_dict(i: cpp.Iterate) -> dict[str, Any]:
     names = "iteration force residual constraint prescribed active stick slip changes step"
     return {name: getattr(i, name) for name in names.split()} | ({"cycle": True} if i.cycle else {})
-
-
-def _petsc_options(prefix: Any, options: Any) -> dict[str, str]:
-    """Return PETSc options as text."""
-    options = {} if options is None else options
-    if not isinstance(prefix, str):
-        raise ValueError(f"petsc_options_prefix is {prefix!r}, but must be a string.")
-    if not isinstance(options, dict) or any(not isinstance(key, str) for key in options):
-        raise ValueError(
-            f"petsc_options are {options!r}, but must be a dictionary whose keys are strings, "
-            "names of PETSc options without the prefix."
-        )
-
-    def text(value: Any) -> str:
-        if value is None:
-            return ""
-        if isinstance(value, bool):
-            return str(value).lower()
-        if isinstance(value, list | tuple):
-            return ",".join(map(text, value))
-        return str(value)
-
-    return {key: text(value) for key, value in options.items()}
 
 
 def _check_forms(

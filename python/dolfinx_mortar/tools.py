@@ -54,6 +54,7 @@ class RigidTool:
         self._tool = tool
         self._translation, self._rotation = np.zeros(3), np.zeros(3)
         self._applied_force, self._applied_moment = np.zeros(3), np.zeros(3)
+        self._accepted: npt.NDArray[np.float64] | None = None
         self._interfaces: list[weakref.ref[Interface]] = []
 
     @property
@@ -153,6 +154,13 @@ class RigidTool:
         about_origin = np.sum([r.master_moment for r in resultants], axis=0)
         return force, about_origin - np.cross(interfaces[0].tool_point(), force)
 
+    def positions(self, X: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Where points X of the tool are in the last accepted state, both of shape (n, 3)."""
+        motion = np.concatenate([self._translation, self._rotation])
+        motion = motion if self._accepted is None else self._accepted
+        a = np.asarray(X, dtype=np.float64) - self.reference_point
+        return self.reference_point + motion[:3] + a @ _rotation(motion[3:]).T
+
     # -- For interfaces ------------------------------------------------------------
 
     def describe(self) -> cpp.RigidTool:
@@ -163,11 +171,13 @@ class RigidTool:
         self._tool.moment = arguments.vector("applied_moment", self._applied_moment)
         return self._tool
 
-    def update(self, problem: cpp.ContactProblem) -> None:
-        """Show the motion of free components in the last accepted state."""
-        motion, free = problem.tool_motion(self._tool), np.array(self._tool.free, dtype=bool)
-        self._translation[free[:3]] = np.array(motion[:3])[free[:3]]
-        self._rotation[free[3:]] = np.array(motion[3:])[free[3:]]
+    def update(self, problem: cpp.ContactProblem, every: bool = False) -> None:
+        """Show the motion in the last accepted state; of every component, or of free ones."""
+        motion = np.array(problem.tool_motion(self._tool))
+        free = np.array(self._tool.free, dtype=bool) | every
+        self._translation[free[:3]] = motion[:3][free[:3]]
+        self._rotation[free[3:]] = motion[3:][free[3:]]
+        self._accepted = motion
 
     def check_free(self) -> None:
         """Refuse a tool that is in a problem already."""
@@ -276,4 +286,24 @@ class RigidSurface(RigidTool):
         element = mesh.ufl_domain().ufl_coordinate_element().sub_elements[0]
         V = fem.functionspace(mesh, ("Lagrange", element.basix_element.degree, (3,)))
         self.parts = (Part(V, facet_tags, tag).checked("master"),)
+        self._displacement = fem.Function(V, name="displacement")
         super().__init__(cpp.RigidTool(point), None)
+
+    @property
+    def displacement(self) -> fem.Function:
+        """Displacement of the tool's mesh in the last accepted state, always the same function."""
+        return self._displacement
+
+    def update(self, problem: cpp.ContactProblem, every: bool = False) -> None:
+        """See :meth:`RigidTool.update`."""
+        super().update(problem, every)
+        x = self._displacement.function_space.tabulate_dof_coordinates()
+        self._displacement.x.array[:] = (self.positions(x) - x).ravel()
+
+
+def _rotation(vector: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    angle = np.linalg.norm(vector)
+    a, b, c = vector / max(angle, 1e-300)
+    W = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+    return np.eye(3) + np.sin(angle) * W + 2 * np.sin(angle / 2) ** 2 * W @ W

@@ -146,8 +146,8 @@ public:
   /// @param[in] forces f of the owned displacement dofs, without the loads.
   Matrix tool_stiffness(std::span<const double> forces) const;
 
-  /// @brief Translation and rotation vector of a tool that is carried by a
-  /// load; of another one, where it was told to be.
+  /// @brief Translation and rotation vector of a tool at present; the vector is
+  /// that which is nearest to the last one, of all that are of one rotation.
   std::array<double, 6> tool_motion(std::size_t tool) const;
 
   /// @brief Displacements of the local blocks of all bodies.

@@ -52,8 +52,6 @@ std::optional<std::int32_t> Bodies::loaded_dofs(std::size_t tool) const
 std::array<double, 6> Bodies::motion_of(std::size_t tool) const
 {
   const RigidTool& t = *_tools[tool];
-  if (!t.is_loaded())
-    return {};
   const std::array<double, 12> X = frame(tool);
   std::array<double, 12> x = X;
   for (int i = 0; i < 12; ++i)
@@ -239,15 +237,7 @@ Matrix Bodies::tool_stiffness(std::span<const double> forces) const
 //-----------------------------------------------------------------------------
 std::array<double, 6> Bodies::tool_motion(std::size_t tool) const
 {
-  const RigidTool& t = *_tools.at(tool);
-  std::array<double, 6> q;
-  if (!t.is_loaded())
-  {
-    Eigen::Map<Vec3>(q.data()) = t.translation;
-    Eigen::Map<Vec3>(q.data() + 3) = t.rotation;
-    return q;
-  }
-  q = _tool_motions[tool];
+  std::array<double, 6> q = _tool_motions.at(tool);
   const double length = axis(tool);
   for (int c = 3; c < 6; ++c)
     q[c] /= length;
