@@ -120,17 +120,17 @@ def test_tables_of_tetrahedra():
 
 def test_tags_from_nodes():
     """Bottom and one side of a row of cells, by their corner nodes; the cells' seam is no side."""
-    x = np.array([(i, j, k) for i in range(4) for j in range(2) for k in range(2)], dtype=float)
+    x = np.array([(i, j, k) for i in range(9) for j in range(2) for k in range(2)], dtype=float)
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
     corners += [(a, b, 1) for a, b, _ in corners]
     number = {tuple(p): n for n, p in enumerate(x)}
-    cells = [[number[i + a, b, c] for a, b, c in corners] for i in range(3)]
+    cells = [[number[i + a, b, c] for a, b, c in corners] for i in range(8)]
     points, cells = (x, cells) if comm.rank == 0 else (x[:0], np.empty((0, 8)))
     mesh = create_mesh(comm, points, cells, "hex8")
-    bottom, end = np.flatnonzero(x[:, 2] == 0), np.flatnonzero(x[:, 0] == 3)
+    bottom, end = np.flatnonzero(x[:, 2] == 0), np.flatnonzero(x[:, 0] == 8)
     seam = np.flatnonzero(x[:, 0] == 1)
     tags = tags_from_nodes(mesh, {4: bottom, 7: end, 9: seam})
-    for tag, area in ((4, 3.0), (7, 1.0), (9, 0.0)):
+    for tag, area in ((4, 8.0), (7, 1.0), (9, 0.0)):
         assert measure(mesh, tags, tag) == pytest.approx(area, abs=1e-12)
 
 
