@@ -33,23 +33,22 @@ def test_closed_solution_of_the_pin(pin, degrees):
 def test_pin(pin):
     """Cells of 5 degrees: half-angle, largest pressure and profile within a few hundredths."""
     p, load = pin.problem(5.0)
-    for degrees in (40.0, 60.0):
-        r = pin.measure(p, load, degrees)
-        assert abs(r["force_error"]) < 1e-4
-        assert r["found_half_angle"] == pytest.approx(degrees, rel=0.02)
-        assert abs(r["largest_pressure_error"]) < 0.015
-        assert r["profile_error"] < 0.03
-        assert r["newton_iterations"] < 15
+    r = pin.measure(p, load, 50.0)
+    assert abs(r["force_error"]) < 1e-4
+    assert r["found_half_angle"] == pytest.approx(50.0, rel=0.02)
+    assert abs(r["largest_pressure_error"]) < 0.015
+    assert r["profile_error"] < 0.03
+    assert r["newton_iterations"] < 15
 
 
 @pytest.mark.slow
 def test_bolt():
     """The preload is reached; slip begins, and ends in Coulomb's bound of both interfaces."""
     demo = load_demo("demo_bolt")
-    j = demo.Joint(4.0, 0.2)
+    j = demo.Joint(4.5, 0.2)
     preload = j.tighten(demo.PRELOAD)
     assert preload == pytest.approx(demo.PRELOAD, rel=1e-3)
-    states = [demo.measure(j), *demo.pull(j, (0.006, 0.02, 0.04, 0.065, 0.08))]
+    states = [demo.measure(j), *demo.pull(j, (0.006, 0.03, 0.06, 0.08))]
     for s in states:
         assert abs(s["balance"]) < 1e-6 * preload
         assert s["used"] < 1.001
@@ -59,7 +58,7 @@ def test_bolt():
         (b["pull"] - a["pull"]) / (b["displacement"] - a["displacement"])
         for a, b in itertools.pairwise(states)
     ]
-    assert slopes[0] > 1.5 * slopes[2] > 0 and slopes[-1] < 0.1 * slopes[0]
+    assert slopes[0] > 1.5 * slopes[1] > 0 and slopes[-1] < 0.1 * slopes[0]
     measured, bound = demo.slip_load(j, states)
     assert measured == pytest.approx(bound, rel=3e-3)
     assert measured == pytest.approx(2 * 0.2 * preload, rel=0.1)
