@@ -243,9 +243,9 @@ class Joint:
 #
 # $$F = \mu (N_\mathrm{plates} + N_\mathrm{head}),$$
 #
-# about $2 \mu N_0$ with the preload $N_0$: the pull is eccentric, and the guide at its end holds the
-# upper plate up, so that it presses less on the lower one than the head on it. Then the wall of
-# the hole meets the shank, and the force grows again.
+# about $2 \mu N_0$ with the preload $N_0$: the pull is eccentric, and the guide at its end holds
+# the upper plate up, so that it presses less on the lower one than the head on it. Then the wall
+# of the hole meets the shank, and the force grows again.
 
 
 # +

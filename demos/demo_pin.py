@@ -9,8 +9,8 @@
 # # A pin in its hole: contact that grows far round
 #
 # A pin lies in the hole of a plate with a small clearance and is pressed to its side. The more it
-# is loaded, the further round contact reaches; Hertz's theory, for which both bodies are half spaces,
-# ends soon. Persson (1964) solved the problem in closed form for any angle.
+# is loaded, the further round contact reaches; Hertz's theory, for which both bodies are half
+# spaces, ends soon. Persson (1964) solved the problem in closed form for any angle.
 #
 # Run it with `python3 demo_pin.py [--out DIR] [--level N]`, alone or under `mpirun`.
 
@@ -241,7 +241,10 @@ def tag_faces(model):
 #
 # has the resultant $Q$ and no second moment. Elastic fields are biharmonic, so that outside of
 # $r_0$ it acts *exactly* as a force at the centre. What remains is the rim of the plate, held at
-# twenty radii, where Persson has none.
+# twenty radii, where Persson has none, and a clearance that is not infinitely small. Both cost
+# little: at 60 degrees a rim at ten radii raises the largest pressure by 0.3 % and takes 0.14
+# degrees off the half-angle; three times the clearance changes them by 0.1 % and 0.08 degrees
+# (level 1).
 
 # +
 REACH = 0.9 * R  # r_0
@@ -309,6 +312,10 @@ def problem(h, multiplier=None, rim=20.0):
 #
 # The square of the pressure goes to zero as a polynomial in $y^2$, and a polynomial through the
 # nodal values tells where. Deviations in the $L_2$ norm are those of nodal values, interpolated.
+#
+# The pin is the slave. Multipliers are those at all nodes (`"dual"`, the default of hex27): their
+# profiles deviate by 1.1, 0.6 and 0.4 %, those of `"dual-linear"`, which cannot bend where the
+# pressure falls to zero, by 4.1, 1.9 and 1.2 %; half-angles by 0.3 % against 0.8 % at most.
 
 
 # +
