@@ -9,7 +9,7 @@
 # # A bolted lap joint: tighten, pull, slip
 #
 # Two steel plates overlap; a bolt through a wider hole in the upper one, and in the thread of the
-# lower one, presses them together. Friction carries what pulls at the plates, until it cannot: then
+# lower one, presses them together. Friction carries what pulls at the plates until it cannot: then
 # the upper plate slips below the bolt's head and over the lower plate, until the wall of its hole
 # meets the shank.
 #
@@ -43,7 +43,7 @@ comm = MPI.COMM_WORLD
 parser = argparse.ArgumentParser(description="A bolted lap joint, tightened and pulled")
 parser.add_argument("--out", type=Path, default=Path("output/bolt"), help="folder to write")
 parser.add_argument("--level", type=int, default=1, help="refinement, from 0")
-parser.add_argument("--friction", type=float, default=0.2, help="coefficient of friction")
+parser.add_argument("--friction", type=float, default=0.2, help="coefficient of friction, not zero")
 options = parser.parse_args() if __name__ == "__main__" else parser.parse_args([])
 
 
@@ -140,7 +140,7 @@ def faces_by_place(model, bolt, upper, lower):
         return abs(low[axis] - at) < 1e-3 and abs(high[axis] - at) < 1e-3
 
     def round_wall(low, high):
-        return high[0] < 6 and np.min(high - low) > 1e-3
+        return high[0] < (SHANK + HEAD) / 2 and np.min(high - low) > 1e-3
 
     for face, low, high in faces(bolt):
         if flat(low, high, 1, 0):

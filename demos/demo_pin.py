@@ -109,9 +109,9 @@ def resultant(degrees):
 
 # ## Two meshes
 #
-# Half of each body, one layer of hex27 whose ends cannot move along the axis. Cells below are fine
-# around and get larger away from the hole. Nodes of second order lie on the circles, and those of
-# the plate do not meet those of the pin.
+# Half of each body, one layer of hex27 whose ends cannot move along the axis. Cells are fine around
+# the lower part of the hole, and larger elsewhere. Nodes of second order lie on the circles, and
+# those of the plate do not meet those of the pin.
 
 # +
 CONTACT, SYMMETRY, ENDS, RIM = 1, 2, 3, 4  # tags of facets
@@ -137,13 +137,13 @@ def to_dolfinx(build):
     return domain, tags
 
 
-def blocks(model, points, blocks, arcs, cells):
+def blocks(model, points, quadrilaterals, arcs, cells):
     """Extruded quadrilateral faces, with cells in rows.
 
     Args:
         model: gmsh's model.
         points: Polar coordinates by name, the angle [degrees] from the direction of the load.
-        blocks: Names of the four corners of each face, in order.
+        quadrilaterals: Names of the four corners of each face, in order.
         arcs: Pairs of points that an arc joins.
         cells: Number of cells, and ratio of the length of one to the length of the one before, for
             pairs of points in the direction of the ratio.
@@ -159,7 +159,7 @@ def blocks(model, points, blocks, arcs, cells):
         a, b = (at[name] for name in pair)
         curves[pair] = occ.addCircleArc(a, centre, b) if pair in arcs else occ.addLine(a, b)
     loops = []
-    for corners in blocks:
+    for corners in quadrilaterals:
         sides = list(zip(corners, corners[1:] + corners[:1]))
         loops.append(
             occ.addCurveLoop([curves[s] if s in curves else -curves[s[::-1]] for s in sides])
@@ -170,7 +170,7 @@ def blocks(model, points, blocks, arcs, cells):
     occ.synchronize()
     for pair, (n, ratio) in cells.items():
         model.mesh.setTransfiniteCurve(curves[pair], n + 1, "Progression", ratio)
-    for face, corners in zip(faces, blocks):
+    for face, corners in zip(faces, quadrilaterals):
         model.mesh.setTransfiniteSurface(face, cornerTags=[at[name] for name in corners])
         model.mesh.setRecombine(2, face)
 
