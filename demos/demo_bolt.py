@@ -309,11 +309,17 @@ def run(options):
     say("\nTightened. Contacts of the half: head, plates, wall of the hole\n" + j.problem.report())
     states = [measure(j)]
     say("")
-    with Writer(options.out / "bolt.bp", [j.u, *(c.traction for c in (j.head, j.plates))]) as file:
+    # Both tractions have the same name
+    fields = {"bolt.bp": [j.u, j.plates.traction], "head.bp": [j.head.traction]}
+    files = [Writer(options.out / name, functions) for name, functions in fields.items()]
+    for file in files:
         file.write(0.0)
-        for state in pull(j, PATH):
-            states.append(state)
+    for state in pull(j, PATH):
+        states.append(state)
+        for file in files:
             file.write(state["displacement"])
+    for file in files:
+        file.close()
     say("\nPulled\n" + j.problem.report() + "\n")
     table(states)
     found = slip_load(j, states)
