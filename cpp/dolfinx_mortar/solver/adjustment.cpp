@@ -10,7 +10,7 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-constexpr double infinity = std::numeric_limits<double>::infinity();
+constexpr double unreached = std::numeric_limits<double>::infinity();
 
 /// How far beyond a master facet its neighbour may begin: seams of facets that
 /// are curved differently.
@@ -20,7 +20,7 @@ constexpr double seam = 1e-6;
 double way_to_facets(const Vec3& x, const Vec3& n, const FacetList& list,
                      std::span<const std::int32_t> masters)
 {
-  double way = infinity;
+  double way = unreached;
   for (std::int32_t f : masters)
   {
     const std::int32_t begin = list.offsets[f], end = list.offsets[f + 1];
@@ -59,7 +59,7 @@ std::vector<double> ways(const Interface& data, const Configuration& c,
     for (std::int32_t k : facet_nodes(s, f))
     {
       const Vec3 x(c.x_slave.data() + 3 * k), n(c.normals.n.data() + 3 * k);
-      double way = infinity;
+      double way = unreached;
       if (data.is_analytic())
       {
         const FrameView view(frame->x);
@@ -83,7 +83,7 @@ std::vector<double> ways(const Interface& data, const Configuration& c,
     }
   }
   scatter_reverse_add(s, std::span<double>(sums), 2);
-  std::vector<double> out(num, infinity);
+  std::vector<double> out(num, unreached);
   for (std::size_t k = 0; k < num; ++k)
   {
     if (sums[2 * k + 1] > 0)
@@ -111,7 +111,7 @@ Relocation dolfinx_mortar::adjust(
 
   Relocation out;
   out.motion.resize(coupling.layout.size(), 0.0);
-  std::vector<double> shortest(coupling.layout.num_blocks(), infinity);
+  std::vector<double> shortest(coupling.layout.num_blocks(), unreached);
   for (std::int32_t k = 0; k < c.num_owned(); ++k)
   {
     const std::int8_t* fixed = c.data.fixed.data() + 3 * k;
