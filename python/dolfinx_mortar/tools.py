@@ -303,7 +303,7 @@ class RigidSurface(RigidTool):
 
 def _rotation(vector: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = np.linalg.norm(vector)
+    angle = float(np.linalg.norm(vector))
     a, b, c = vector / max(angle, 1e-300)
     W = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
     return np.eye(3) + np.sin(angle) * W + 2 * np.sin(angle / 2) ** 2 * W @ W

@@ -117,8 +117,8 @@ def tags_from_nodes(mesh: Mesh, sets: Mapping[int, npt.ArrayLike]) -> MeshTags:
     for tag, members in sets.items():
         inside = np.isin(vertices, np.asarray(members, dtype=np.int64)).all(axis=1)
         if np.any(chosen & inside):
-            twice = set(values[chosen & inside])
-            raise ValueError(f"sets {int(min(twice))} and {tag} share facets, which have one tag")
+            other = int(values[chosen & inside][0])
+            raise ValueError(f"sets {other} and {tag} share facets, which have one tag")
         chosen |= inside
         values[inside] = tag
     order = np.argsort(facets[chosen])
