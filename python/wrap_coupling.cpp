@@ -5,6 +5,7 @@
 
 #include "arrays.h"
 #include <dolfinx_mortar/solver/problem.h>
+#include <nanobind/eigen/dense.h>
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
@@ -37,6 +38,8 @@ using Triple = std::array<double, 3>;
 
 void wrap_tool(nb::module_& m)
 {
+  m.def("rotation_matrix", &rotation_matrix, nb::arg("vector"),
+        "Rotation matrix, shape (3, 3), of a rotation vector [rad].");
   nb::class_<RigidTool> t(m, "RigidTool", "A rigid tool, and its motion.");
   t.def(
        "__init__", [](RigidTool* self, const Triple& reference_point)

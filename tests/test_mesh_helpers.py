@@ -142,6 +142,8 @@ def test_wrong_arrays():
     with pytest.raises(ValueError, match="order is 'ansys'"):
         create_mesh(comm, np.empty((0, 3)), np.empty((0, 4)), "tet4", order="ansys")
     with pytest.raises(ValueError, match="unknown node order 'ansys'"):
+        hex20_permutation("ansys")
+    with pytest.raises(ValueError, match="order is 'ansys'"):
         create_hex20_mesh(comm, np.empty((0, 3)), np.empty((0, 20)), order="ansys")
     with pytest.raises(ValueError, match="20 nodes"):
         create_hex20_mesh(comm, np.empty((0, 3)), np.empty((0, 27)))

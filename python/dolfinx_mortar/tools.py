@@ -159,7 +159,8 @@ class RigidTool:
         motion = np.concatenate([self._translation, self._rotation])
         motion = motion if self._accepted is None else self._accepted
         a = np.asarray(X, dtype=np.float64) - self.reference_point
-        return self.reference_point + motion[:3] + a @ _rotation(motion[3:]).T
+        R = np.asarray(cpp.rotation_matrix(motion[3:]))
+        return self.reference_point + motion[:3] + a @ R.T
 
     # -- For interfaces ------------------------------------------------------------
 
@@ -299,11 +300,3 @@ class RigidSurface(RigidTool):
         super().update(problem, every)
         x = self._displacement.function_space.tabulate_dof_coordinates()
         self._displacement.x.array[:] = (self.positions(x) - x).ravel()
-
-
-def _rotation(vector: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    a, b, c = vector / max(angle, 1e-300)
-    W = np.array([[0, -c, b], [c, 0, -a], [-b, a, 0]])
-    return np.eye(3) + np.sin(angle) * W + 2 * np.sin(angle / 2) ** 2 * W @ W

@@ -205,12 +205,6 @@ Matrix Bodies::tool_stiffness(std::span<const double> forces) const
     const Vec3 point
         = _tools[t]->reference_point + Vec3(_tool_motions[t].data());
     const std::array<double, 12> X = frame(t);
-    auto cross = [](const Vec3& v)
-    {
-      Eigen::Matrix3d W;
-      W << 0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0;
-      return W;
-    };
     // Moment of the forces, and its derivative by a spin
     Vec3 moment = -_tools[t]->moment;
     Eigen::Matrix3d by_spin = Eigen::Matrix3d::Zero();
@@ -220,7 +214,7 @@ Matrix Bodies::tool_stiffness(std::span<const double> forces) const
                      + Vec3(_tool_displacements[t].data() + 3 * l) - point;
       const Vec3 f(forces.data() + *first + 3 * l);
       moment += a.cross(f);
-      by_spin += cross(f) * cross(a);
+      by_spin += cross_matrix(f) * cross_matrix(a);
     }
     const Eigen::Matrix3d G = (T.transpose() * by_spin * T
                                + rotation_tangent_derivative(rotation, moment))

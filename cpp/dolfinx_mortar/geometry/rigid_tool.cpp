@@ -11,13 +11,6 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-Eigen::Matrix3d cross_matrix(const Vec3& v)
-{
-  Eigen::Matrix3d W;
-  W << 0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0;
-  return W;
-}
-
 /// (R - I) a, which keeps its digits where the rotation is small.
 Vec3 turn(const Vec3& rotation, const Vec3& a)
 {
@@ -56,6 +49,13 @@ struct Coefficients
 };
 } // namespace
 
+//-----------------------------------------------------------------------------
+Eigen::Matrix3d dolfinx_mortar::cross_matrix(const Vec3& v)
+{
+  Eigen::Matrix3d W;
+  W << 0, -v[2], v[1], v[2], 0, -v[0], -v[1], v[0], 0;
+  return W;
+}
 //-----------------------------------------------------------------------------
 Eigen::Matrix3d dolfinx_mortar::rotation_matrix(const Vec3& vector)
 {

@@ -9,6 +9,9 @@
 
 namespace dolfinx_mortar
 {
+/// @brief Matrix of the product v × a.
+Eigen::Matrix3d cross_matrix(const Vec3& v);
+
 /// @brief Rotation matrix of a rotation vector: about its direction, by its
 /// length [rad].
 Eigen::Matrix3d rotation_matrix(const Vec3& vector);

@@ -3,9 +3,9 @@
 """Meshes of 20-node hexahedra, from Abaqus files and arrays; tags from nodes; pairs of surfaces."""
 
 from .abaqus import AbaqusMesh, read_abaqus
-from .arrays import create_mesh, tags_from_nodes
+from .arrays import create_hex20_mesh, create_mesh, tags_from_nodes
 from .gmsh import model_to_hex20
-from .hexahedra import create_hex20_mesh, hex20_permutation
+from .hexahedra import hex20_permutation
 from .pairs import Pair, find_pairs
 
 __all__ = [

@@ -76,6 +76,17 @@ def create_mesh(
     return compat.create_mesh(comm, cells[:, permutation], element, points, partitioner)
 
 
+def create_hex20_mesh(
+    comm: MPI.Intracomm,
+    points: npt.ArrayLike,
+    cells: npt.ArrayLike,
+    order: str = "gmsh",
+    partitioner: Callable | None = None,
+) -> Mesh:
+    """Make a mesh of 20-node hexahedra with curved (serendipity) geometry, see create_mesh."""
+    return create_mesh(comm, points, cells, "hex20", order, partitioner)
+
+
 def node_order(cell: str, order: str) -> list[int]:
     """``p`` with ``basix_nodes = nodes[p]``, see :func:`create_mesh`."""
     name, degree, num_nodes = _CELLS[cell]

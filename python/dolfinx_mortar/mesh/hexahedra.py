@@ -1,20 +1,12 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""Order of nodes in formats, and meshes of 20-node hexahedra from arrays."""
+"""Order of nodes in formats."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
-from mpi4py import MPI
+from collections.abc import Sequence
 
 import basix
-import numpy as np
-import numpy.typing as npt
-from dolfinx.mesh import Mesh
-
-from .. import compat
-from ..elements import hex20
 
 # Basix numbers the vertices of a hexahedron as a tensor product; all formats here go around the
 # bottom and then around the top.
@@ -74,35 +66,3 @@ def hex20_permutation(order: str = "gmsh") -> list[int]:
             f"use one of {', '.join(map(repr, (*_HEX_EDGES, 'basix')))}"
         )
     return node_permutation(basix.CellType.hexahedron, HEX_VERTICES, _HEX_EDGES[order])
-
-
-def create_hex20_mesh(
-    comm: MPI.Intracomm,
-    points: npt.ArrayLike,
-    cells: npt.ArrayLike,
-    order: str = "gmsh",
-    partitioner: Callable | None = None,
-) -> Mesh:
-    """Make a mesh of 20-node hexahedra with curved (serendipity) geometry.
-
-    Args:
-        comm: Communicator of the mesh.
-        points: Node coordinates [length], shape ``(num_nodes, 3)``. Each rank hands over its
-            share, which may be empty; shares are concatenated in rank order.
-        cells: Global input node numbers of each cell, shape ``(num_cells, 20)``.
-        order: Node order of ``cells``, see :func:`hex20_permutation`.
-        partitioner: From :func:`dolfinx_mortar.compat.cell_partitioner`.
-
-    Returns:
-        Mesh whose coordinate element is ``hex20(shape=(3,))``.
-
-    Raises:
-        ValueError: If ``cells`` does not have 20 nodes per cell, or ``order`` is unknown.
-    """
-    cells = np.asarray(cells, dtype=np.int64)
-    if cells.ndim != 2 or cells.shape[1] != 20:
-        raise ValueError(f"hex20 cells have 20 nodes, but the array of cells is {cells.shape}")
-    points = np.asarray(points, dtype=np.float64).reshape(-1, 3)
-    return compat.create_mesh(
-        comm, cells[:, hex20_permutation(order)], hex20(shape=(3,)), points, partitioner
-    )
