@@ -5,6 +5,7 @@
 #include "convergence_error.h"
 #include <Eigen/Dense>
 #include <algorithm>
+#include <dolfinx_mortar/common/dense.h>
 #include <dolfinx_mortar/common/error.h>
 #include <map>
 #include <numeric>
@@ -82,8 +83,7 @@ Directions find_directions(const MultiplierNodes& nodes,
   MatrixXd n(m, 3);
   for (int p = 0; p < m; ++p)
     n.row(p) = (flags * nodes.normals[group[p]]).transpose();
-  const MatrixXd dual
-      = n.completeOrthogonalDecomposition().pseudoInverse().transpose();
+  const MatrixXd dual = pseudo_inverse(n).transpose();
   Directions out;
   out.constrained = dual.transpose() * n;
   out.along = Matrix3d::Identity() - out.constrained;
@@ -162,9 +162,7 @@ void add_group(const MultiplierNodes& nodes,
     rows.push_back(3 * m + c);
   const MatrixXd S = group_equations(nodes, group, total)(rows, all_free);
   const int n = free.size(), nm = all_free.size();
-  const Eigen::JacobiSVD<MatrixXd> svd(S, Eigen::ComputeFullU
-                                              | Eigen::ComputeThinV);
-  MatrixXd left = svd.matrixU().rightCols(n).transpose();
+  MatrixXd left = left_null_space(S);
   // Rows that look at the normals of their own patches, and at no other
   // direction twice
   MatrixXd test(nm, n);
@@ -174,8 +172,8 @@ void add_group(const MultiplierNodes& nodes,
     const Matrix3d t = v * v.transpose() + directions.along;
     test.middleRows(n * p, n) = t(free, free);
   }
-  left = MatrixXd((left.leftCols(nm) * test).partialPivLu().solve(left));
-  const MatrixXd inverse = S.completeOrthogonalDecomposition().pseudoInverse();
+  left = lu_solve(left.leftCols(nm) * test, left);
+  const MatrixXd inverse = pseudo_inverse(S);
 
   auto put = [&](std::vector<Entry>& to, std::int32_t row, std::int32_t column,
                  double value)

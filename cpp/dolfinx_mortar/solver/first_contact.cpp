@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <dolfinx_mortar/common/dense.h>
 #include <limits>
 
 using namespace dolfinx_mortar;
@@ -112,7 +113,7 @@ VectorXd driven_motion(MPI_Comm comm, const MatrixXd& motions,
   const VectorXd bound = 1e-8 * size * gram.diagonal().cwiseSqrt();
   if ((work.cwiseAbs().array() <= bound.array()).all())
     return VectorXd::Zero(gram.rows());
-  return gram.completeOrthogonalDecomposition().solve(work);
+  return least_squares(gram, work);
 }
 
 /// Number of free motions that nodes resist: sticking ones all, others along
@@ -135,9 +136,7 @@ int resisted_rank(MPI_Comm comm, const std::vector<Approach>& approaches,
       resisted += rows.transpose() * rows;
     }
   }
-  const VectorXd values = Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd>(
-                              sum(comm, resisted), gram, Eigen::EigenvaluesOnly)
-                              .eigenvalues();
+  const VectorXd values = eigenpairs(sum(comm, resisted), gram).values;
   return (values.array() > 1e-5 * std::max(0.0, values.maxCoeff())).count();
 }
 } // namespace

@@ -40,6 +40,19 @@ std::vector<ContactResidual> evaluate_laws(const Coupling& coupling,
   return laws;
 }
 
+/// A symmetric matrix without its part of negative eigenvalues.
+Eigen::Matrix2d positive_part(const Eigen::Matrix2d& A)
+{
+  const double mean = A.trace() / 2;
+  const double radius = std::hypot((A(0, 0) - A(1, 1)) / 2, A(0, 1));
+  const double low = mean - radius, high = mean + radius;
+  if (low >= 0)
+    return A;
+  if (high <= 0)
+    return Eigen::Matrix2d::Zero();
+  return high / (high - low) * (A - low * Eigen::Matrix2d::Identity());
+}
+
 /// Stiffness of the law of friction at a slipping node, see MultiplierNodes.
 ///
 /// Tractions turn with the motion: a node that has just begun to slip resists a
@@ -63,12 +76,7 @@ Eigen::Matrix3d stiffness_across_slip(const Eigen::Vector3d& normal,
   const Eigen::Matrix2d cofactors
       = by_z.trace() * Eigen::Matrix2d::Identity() - by_z;
   const Eigen::Matrix2d S = cofactors * by_w / det;
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d> eigen(
-      Eigen::Matrix2d((S + S.transpose()) / 2));
-  const Eigen::Matrix2d positive
-      = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).asDiagonal()
-        * eigen.eigenvectors().transpose();
-  return axes.transpose() * positive * axes;
+  return axes.transpose() * positive_part((S + S.transpose()) / 2) * axes;
 }
 
 void set_contact_nodes(const CoupledInterface& c, const InterfaceEvaluation& e,

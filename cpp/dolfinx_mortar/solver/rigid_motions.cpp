@@ -4,6 +4,7 @@
 #include "rigid_motions.h"
 #include <algorithm>
 #include <cmath>
+#include <dolfinx_mortar/common/dense.h>
 #include <numeric>
 
 using namespace dolfinx_mortar;
@@ -131,10 +132,10 @@ MatrixXd dolfinx_mortar::free_motions(const Coupling& coupling,
     if (group[g] != g)
       continue;
     const MatrixXd gram = sum(layout.comm, grams[g]);
-    const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(gram);
+    const Eigenpairs eigen = eigenpairs(gram);
     const double tolerance = 1e-10 * std::max(1.0, gram.trace());
-    const Eigen::Index n = (eigen.eigenvalues().array() <= tolerance).count();
-    MatrixXd own = modes * eigen.eigenvectors().leftCols(n);
+    const Eigen::Index n = (eigen.values.array() <= tolerance).count();
+    MatrixXd own = modes * eigen.vectors.leftCols(n);
     for (std::size_t b = 0; b < label.size(); ++b)
     {
       if (label[b] != g)
@@ -180,9 +181,9 @@ MatrixXd dolfinx_mortar::unresisted(const Coupling& coupling,
     if (!of_load[dof])
       resistance.row(dof).setZero();
   }
-  const Eigen::GeneralizedSelfAdjointEigenSolver<MatrixXd> eigen(
-      sum(coupling.comm(), resistance.transpose() * resistance),
-      sum(coupling.comm(), scale.transpose() * scale));
-  const Eigen::Index n = (eigen.eigenvalues().array() < 1e-14).count();
-  return motions * eigen.eigenvectors().leftCols(n);
+  const Eigenpairs eigen
+      = eigenpairs(sum(coupling.comm(), resistance.transpose() * resistance),
+                   sum(coupling.comm(), scale.transpose() * scale));
+  const Eigen::Index n = (eigen.values.array() < 1e-14).count();
+  return motions * eigen.vectors.leftCols(n);
 }

@@ -6,6 +6,7 @@
 #include "rigid_motions.h"
 #include <algorithm>
 #include <cmath>
+#include <dolfinx_mortar/common/dense.h>
 #include <numbers>
 #include <numeric>
 
@@ -100,7 +101,7 @@ double dolfinx_mortar::distance_from_cone(MPI_Comm comm,
     // All that follows is done by all ranks alike
     while (used.cols() > 0)
     {
-      const VectorXd s = used.completeOrthogonalDecomposition().solve(point);
+      const VectorXd s = least_squares(used, point);
       if (s.minCoeff() > 0)
       {
         c = s;
@@ -148,11 +149,10 @@ dolfinx_mortar::find_balance(const Coupling& coupling, const Step& step,
       = unresisted(coupling, free_motions(coupling, evaluation.u), K);
   if (motions.cols() == 0)
     return std::nullopt;
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> eigen(
+  const Eigenpairs eigen = eigenpairs(
       sum(coupling.comm(), MatrixXd(motions.transpose() * motions)));
   const MatrixXd scaled
-      = eigen.eigenvectors()
-        * eigen.eigenvalues().cwiseSqrt().cwiseInverse().asDiagonal();
+      = eigen.vectors * eigen.values.cwiseSqrt().cwiseInverse().asDiagonal();
   const Eigen::Map<const VectorXd> f(force.data(), force.size());
   const MatrixXd work
       = sum(coupling.comm(), MatrixXd(-(motions.transpose() * f)));

@@ -16,7 +16,7 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-using Vector = std::array<double, 3>;
+using Coordinates = std::array<double, 3>;
 
 /// What the search needs to know of a facet.
 struct Outline
@@ -27,14 +27,14 @@ struct Outline
   double diameter = 0;
 
   /// Outward normals of the sub-facets, not normalised
-  std::array<Vector, 5> normals;
+  std::array<Coordinates, 5> normals;
   int num_normals = 0;
 };
 
 /// Control points of the Bézier form of a facet, whose convex hull contains
 /// the facet.
-int control_points(FacetType type, std::span<const Vector> x,
-                   std::array<Vector, max_facet_nodes>& b)
+int control_points(FacetType type, std::span<const Coordinates> x,
+                   std::array<Coordinates, max_facet_nodes>& b)
 {
   const int n = num_nodes(type);
   std::copy_n(x.begin(), n, b.begin());
@@ -72,10 +72,10 @@ int control_points(FacetType type, std::span<const Vector> x,
 /// @param[in] type,orientation Facet.
 /// @param[in] x Positions of its nodes.
 Outline outline(FacetType type, std::int8_t orientation,
-                std::span<const Vector> x)
+                std::span<const Coordinates> x)
 {
   Outline o;
-  std::array<Vector, max_facet_nodes> b;
+  std::array<Coordinates, max_facet_nodes> b;
   const int num_points = control_points(type, x, b);
   for (int k = 0; k < num_points; ++k)
     add(o.box, b[k]);
@@ -94,7 +94,7 @@ Outline outline(FacetType type, std::int8_t orientation,
   for (const SubFacet& sub : sub_facets(type))
   {
     // Directions of the tangents at the centre
-    Vector a, b;
+    Coordinates a, b;
     const auto& [i, j, k, l] = sub.nodes;
     for (int c = 0; c < 3; ++c)
     {
@@ -118,7 +118,7 @@ bool oppose(const Outline& a, const Outline& b)
   for (int i = 0; i < a.num_normals; ++i)
     for (int j = 0; j < b.num_normals; ++j)
     {
-      const Vector &p = a.normals[i], &q = b.normals[j];
+      const Coordinates &p = a.normals[i], &q = b.normals[j];
       if (p[0] * q[0] + p[1] * q[1] + p[2] * q[2] < 0)
         return true;
     }
@@ -130,7 +130,7 @@ std::vector<Outline> outlines(const Surface& s, std::span<const double> x)
 {
   std::vector<Outline> o;
   o.reserve(s.types.size());
-  std::array<Vector, max_facet_nodes> points;
+  std::array<Coordinates, max_facet_nodes> points;
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
     std::span<const std::int32_t> nodes = facet_nodes(s, f);
@@ -146,7 +146,7 @@ std::vector<Outline> outlines(const Surface& s, std::span<const double> x)
 struct Node
 {
   std::int64_t block;
-  Vector x;
+  Coordinates x;
 };
 
 /// A facet as it travels; its nodes travel beside it.
@@ -246,7 +246,7 @@ std::vector<Outline> outlines(const Facets& list,
 {
   std::vector<Outline> o;
   o.reserve(which.size());
-  std::array<Vector, max_facet_nodes> points;
+  std::array<Coordinates, max_facet_nodes> points;
   for (std::int32_t f : which)
   {
     const std::span<const Node> nodes = list.nodes_of(f);
