@@ -309,17 +309,11 @@ def run(options):
     say("\nTightened. Contacts of the half: head, plates, wall of the hole\n" + j.problem.report())
     states = [measure(j)]
     say("")
-    # Both tractions have the same name
-    fields = {"bolt.bp": [j.u, j.plates.traction], "head.bp": [j.head.traction]}
-    files = [Writer(options.out / name, functions) for name, functions in fields.items()]
-    for file in files:
+    with Writer(options.out / "bolt.bp", [j.u, j.plates.traction, j.head.traction]) as file:
         file.write(0.0)
-    for state in pull(j, PATH):
-        states.append(state)
-        for file in files:
+        for state in pull(j, PATH):
+            states.append(state)
             file.write(state["displacement"])
-    for file in files:
-        file.close()
     say("\nPulled\n" + j.problem.report() + "\n")
     table(states)
     found = slip_load(j, states)

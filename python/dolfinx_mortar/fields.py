@@ -20,6 +20,8 @@ class Fields:
         bodies: Their numbers among the bodies of the problem.
         layout: Displacement dofs of the problem.
         columns: Names of the functions, with the number of values at a node: 1 or 3.
+        suffix: What the functions' own names end with: those of one problem may stand in one file,
+            and no two of a file may be alike.
     """
 
     def __init__(
@@ -28,12 +30,13 @@ class Fields:
         bodies: Sequence[int],
         layout: cpp.Layout,
         columns: Mapping[str, int],
+        suffix: str = "",
     ):
         self._parts = [(layout.local_start(b), layout.num_owned[b]) for b in bodies]
         scalar = [V.sub(0).collapse()[0] if 1 in columns.values() else None for V in spaces]
         self._functions = {
             name: [
-                fem.Function(V if size == 3 else W, name=name)
+                fem.Function(V if size == 3 else W, name=name + suffix)
                 for V, W in zip(spaces, scalar, strict=True)
             ]
             for name, size in columns.items()

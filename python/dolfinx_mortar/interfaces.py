@@ -172,7 +172,8 @@ class Interface:
         bodies = sorted({problem.body(p.V) for p in self.slave})
         spaces = [problem.spaces[b] for b in bodies]
         self._bodies = bodies
-        self._fields = Fields(spaces, bodies, problem.coupling.layout, self.columns)
+        suffix = f"_{self._index + 1}" if self._index > 0 else ""
+        self._fields = Fields(spaces, bodies, problem.coupling.layout, self.columns, suffix)
 
     def update_fields(self) -> None:
         """Let the fields show the last accepted state. Collective."""
