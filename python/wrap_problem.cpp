@@ -401,9 +401,12 @@ void wrap_problem(nb::module_& m)
   wrap_summary(m, p);
   wrap_relocation(m);
   m.def(
-      "effective_options", [](const std::string& prefix, const Options& options)
-      { return SolverOptions(prefix, options).effective(); }, nb::arg("prefix"),
-      nb::arg("options"), "Names and values of the PETSc options that count.");
+      "effective_options",
+      [](const std::string& prefix, const Options& options, std::int64_t size)
+      { return SolverOptions(prefix, options, false, size).effective(); },
+      nb::arg("prefix"), nb::arg("options"), nb::arg("size") = 0,
+      "Names and values of the PETSc options that count, for a number of "
+      "displacement dofs.");
   m.def("is_overloaded", &friction_is_overloaded, nb::arg("problem"),
         "Whether friction cannot balance the present loads. Collective.");
   m.def("describe_barely_covered", &describe_barely_covered, nb::arg("problem"),

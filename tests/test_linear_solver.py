@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from blocks import NU, E
 from corner import corner
+from dolfinx.common import timing
+from dolfinx_mortar import cpp
 from pressed import pressed
 
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
@@ -63,7 +65,7 @@ def test_same_iterates_at_edges(friction, walls):
 @pytest.mark.parametrize("name", KINDS)
 def test_preconditioned_through_the_reduced_system(name, preconditioner):
     kind, options = KINDS[name]
-    solver = {"pc_type": preconditioner, "ksp_rtol": 1e-12}
+    solver = {"pc_type": preconditioner, "ksp_rtol": 1e-12, "pc_mortar_reuse": False}
     p = pressed(kind, elements=("hex20", "hex8"), **options)
     q = pressed(kind, elements=("hex20", "hex8"), petsc_options=solver, **options)
     assert history(p) == history(q)
@@ -71,6 +73,52 @@ def test_preconditioned_through_the_reduced_system(name, preconditioner):
     if (name, preconditioner) == ("tie", "cholesky"):
         # Constraints of a tie do not turn with normals: the reduction is exact
         assert q.problem._cpp_object.ksp.getIterationNumber() <= 2
+
+
+def num_set_ups():
+    """How often a preconditioner has been made so far."""
+    try:
+        return timing("~mortar: set up")[0]
+    except RuntimeError:
+        return 0
+
+
+@pytest.mark.parametrize("preconditioner", ["gamg", "cholesky"])
+@pytest.mark.parametrize("name", KINDS)
+def test_inexact_steps_end_at_the_same_solution(name, preconditioner):
+    """Loose linear solves and preconditioners of earlier systems: less work, the same result."""
+    kind, options = KINDS[name]
+    exact = {"pc_type": preconditioner, "snes_ksp_ew": False, "pc_mortar_reuse": False}
+    results = []
+    for solver in ({"pc_type": preconditioner}, exact):
+        p = pressed(kind, elements=("hex20", "hex8"), petsc_options=solver, **options)
+        counts, set_ups = [], num_set_ups()
+
+        def count(ksp, iteration, norm, counts=counts):
+            counts.append(iteration > 0)
+
+        p.problem._cpp_object.ksp.setMonitor(count)
+        for x, z in ((0.0, -0.01), (0.01, -0.012)):
+            p.move(x, z)
+        u = p.problem.state.u
+        results.append((u, sum(counts), num_set_ups() - set_ups))
+    (u, iterations, set_ups), (v, more, most) = results
+    assert p.problem.comm.allreduce(float((u - v) @ (u - v))) ** 0.5 < 1e-8 * p.norms()[0]
+    # To factorise is more work than to iterate, so that a factorisation serves longer
+    assert iterations < (0.9 if preconditioner == "gamg" else 4) * more
+    assert set_ups < most
+
+
+def test_solver_by_size():
+    """Multigrid where a model is large and no solver is given, else what is given."""
+    for size, given, pc in (
+        (10_000, {}, "lu"),
+        (200_000, {}, "gamg"),
+        (200_000, {"pc_type": "lu"}, "lu"),
+        (200_000, {"ksp_type": "preonly"}, "lu"),
+        (10_000, {"pc_type": "gamg"}, "gamg"),
+    ):
+        assert cpp.effective_options("sized_", given, size)["sized_pc_type"] == pc
 
 
 def test_options_reach_nested_solvers_and_nothing_else():
@@ -89,3 +137,12 @@ def test_a_failing_linear_solver_stops_the_iteration():
     )
     with pytest.raises(dm.ConvergenceError, match="ksp_max_it"):
         p.move(0.0, -0.01)
+
+
+def test_a_system_without_tangent_is_solved_twice():
+    """A preconditioner that takes the place of the tangent serves the second solution too."""
+    lag = {"pc_type": "gamg", "pc_mortar_reuse": False, "snes_lag_jacobian": 2, "snes_max_it": 100}
+    p, q = (pressed(dm.Contact, petsc_options=solver) for solver in (None, lag))
+    for x in (p, q):
+        x.move(0.0, -0.01)
+    assert np.allclose(p.norms(), q.norms(), rtol=1e-8)

@@ -248,7 +248,8 @@ std::vector<double> solution(const SmallProblem& p, bool condense,
   SolverOptions options("unit_condensation_", std::move(given));
   const SolverOptions::Loan loan(options);
   LinearSolver solver(p.system.comm, options.prefix(), condense, p.x);
-  return solver.solve(p.system, p.local(p.r));
+  NewtonSystem s = p.system;
+  return solver.solve(s, p.local(p.r));
 }
 } // namespace
 

@@ -14,4 +14,7 @@ using Timer = decltype(dolfinx::common::Timer("task"));
 
 /// @brief Write a warning into DOLFINx's log.
 inline void log_warning(const std::string& message) { spdlog::warn(message); }
+
+/// @brief Write a message of the level "info" into DOLFINx's log.
+inline void log_info(const std::string& message) { spdlog::info(message); }
 } // namespace dolfinx_mortar

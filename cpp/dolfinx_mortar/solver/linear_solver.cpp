@@ -51,9 +51,9 @@ std::string describe_failure(KSP ksp)
   // is to blame
   return text
          + "): the solver does not fit the system. Choose another "
-           "preconditioner (pc_type) or iteration (ksp_type), or leave both "
-           "options out: a direct solver tells whether the system itself is "
-           "singular.";
+           "preconditioner (pc_type) or iteration (ksp_type), or a direct "
+           "solver (ksp_type preonly, pc_type lu), which tells whether the "
+           "system itself is singular.";
 }
 
 /// @brief Rows of the condensed system. Collective.
@@ -193,6 +193,52 @@ PetscErrorCode apply_reduced(PC pc, Vec x, Vec y)
   }
   PetscFunctionReturn(PETSC_SUCCESS);
 }
+
+/// Tolerances of a solver, which are as they were when this ends.
+class Tolerances
+{
+public:
+  explicit Tolerances(KSP ksp) : _ksp(ksp)
+  {
+    check(KSPGetTolerances(ksp, &rtol, &_atol, &_dtol, &max_it),
+          "KSPGetTolerances");
+  }
+  Tolerances(const Tolerances&) = delete;
+  Tolerances& operator=(const Tolerances&) = delete;
+  ~Tolerances() { set(rtol, max_it); }
+
+  void set(PetscReal relative, PetscInt most) const
+  {
+    KSPSetTolerances(_ksp, relative, _atol, _dtol, most);
+  }
+
+  PetscReal rtol;
+  PetscInt max_it;
+
+private:
+  KSP _ksp;
+  PetscReal _atol, _dtol;
+};
+
+/// @brief Run the solver. A preconditioner of an earlier system that does not
+/// do is replaced by one of this system.
+KSPConvergedReason solve_to(KSP ksp, double rtol, Vec b, Vec x,
+                            ReducedPreconditioner* reduced)
+{
+  const Tolerances own(ksp);
+  rtol = std::max(rtol, own.rtol);
+  KSPConvergedReason reason;
+  PetscInt iterations;
+  do
+  {
+    const PetscInt most = reduced ? reduced->patience(rtol) : own.max_it;
+    own.set(rtol, std::min(own.max_it, most));
+    check(KSPSolve(ksp, b, x), "KSPSolve");
+    check(KSPGetConvergedReason(ksp, &reason), "KSPGetConvergedReason");
+    check(KSPGetIterationNumber(ksp, &iterations), "KSPGetIterationNumber");
+  } while (reduced and !reduced->judge(reason > 0, iterations, rtol));
+  return reason;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -221,13 +267,14 @@ LinearSolver::LinearSolver(MPI_Comm comm, const std::string& prefix,
   }
 }
 //-----------------------------------------------------------------------------
-std::vector<double> LinearSolver::solve(const NewtonSystem& s,
-                                        std::span<const double> r)
+std::vector<double> LinearSolver::solve(NewtonSystem& s,
+                                        std::span<const double> r, double rtol)
 {
-  return _condense ? solve_condensed(s, r) : solve_saddle_point(s, r);
+  return _condense ? solve_condensed(s, r, rtol) : solve_saddle_point(s, r);
 }
 //-----------------------------------------------------------------------------
-std::vector<double> LinearSolver::run(Mat A, std::span<const double> b)
+std::vector<double> LinearSolver::run(Mat A, std::span<const double> b,
+                                      double rtol)
 {
   Timer timer("~mortar: solve");
   MPI_Comm comm;
@@ -237,9 +284,8 @@ std::vector<double> LinearSolver::run(Mat A, std::span<const double> b)
   Vector x;
   check(VecDuplicate(right.get(), x.put()), "VecDuplicate");
   check(KSPSetOperators(_ksp.get(), A, A), "KSPSetOperators");
-  check(KSPSolve(_ksp.get(), right.get(), x.get()), "KSPSolve");
-  KSPConvergedReason reason;
-  check(KSPGetConvergedReason(_ksp.get(), &reason), "KSPGetConvergedReason");
+  const KSPConvergedReason reason
+      = solve_to(_ksp.get(), rtol, right.get(), x.get(), _reduced.get());
   if (reason < 0)
     throw ConvergenceError(describe_failure(_ksp.get()));
   // A factorisation is large, and of no use for the next system
@@ -277,8 +323,9 @@ std::vector<double> LinearSolver::solve_saddle_point(const NewtonSystem& s,
   return run(A.get(), local_values(b.get()));
 }
 //-----------------------------------------------------------------------------
-std::vector<double> LinearSolver::solve_condensed(const NewtonSystem& s,
-                                                  std::span<const double> r)
+std::vector<double> LinearSolver::solve_condensed(NewtonSystem& s,
+                                                  std::span<const double> r,
+                                                  double rtol)
 {
   const std::span<const double> r_u = r.first(s.size_u),
                                 r_z = r.subspan(s.size_u);
@@ -334,7 +381,7 @@ std::vector<double> LinearSolver::solve_condensed(const NewtonSystem& s,
     b[i] = rows.scale[i] * (b[i] + Ec[i] + (e.own[i] ? 0.0 : r_test[i]));
   for (std::int32_t dof : s.fixed)
     b[dof] = r_u[dof];
-  std::vector<double> x = run(A.get(), b);
+  std::vector<double> x = run(A.get(), b, rtol);
 
   // Multipliers from the equilibrium of the slave nodes
   std::vector<double> rho = r_test;

@@ -162,7 +162,9 @@ void Newton::linearise(std::span<const double> x)
   Run& run = *_run;
   const Iteration& it = evaluate_at(x);
   run.system.reset();
-  const Matrix K = _bodies.tangent();
+  Matrix K = _bodies.tangent();
+  if (_solver->gives_up_tangent())
+    _bodies.release_tangents();
   if (!run.step.springs.empty())
   {
     const Vector springs = create_vector(_coupling.comm(), run.step.springs);

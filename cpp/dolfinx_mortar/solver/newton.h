@@ -87,6 +87,11 @@ private:
   const Iteration& evaluate_at(std::span<const double> x);
 
   void linearise(std::span<const double> x);
+
+  /// Tolerance of an iterative solver: what the SNES asks for (Eisenstat and
+  /// Walker), and no more than the end of the iteration needs; 0 where it asks
+  /// for none.
+  double linear_tolerance() const;
   void check_support(Mat K);
   SNESConvergedReason test(int it, double norm);
   void shorten(std::span<const double> x, Vec y);

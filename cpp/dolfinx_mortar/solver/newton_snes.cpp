@@ -190,6 +190,25 @@ PetscErrorCode Newton::multiply(Mat A, Vec x, Vec y)
   return PETSC_SUCCESS;
 }
 //-----------------------------------------------------------------------------
+double Newton::linear_tolerance() const
+{
+  PetscBool inexact;
+  check(SNESKSPGetUseEW(_snes.get(), &inexact), "SNESKSPGetUseEW");
+  if (!inexact)
+    return 0;
+  KSP ksp;
+  PetscReal asked, rtol;
+  check(SNESGetKSP(_snes.get(), &ksp), "SNESGetKSP");
+  check(KSPGetTolerances(ksp, &asked, nullptr, nullptr, nullptr),
+        "KSPGetTolerances");
+  check(
+      SNESGetTolerances(_snes.get(), nullptr, &rtol, nullptr, nullptr, nullptr),
+      "SNESGetTolerances");
+  const Iterate& now = _history.back();
+  const double left = std::max({now.force, now.constraint, now.prescribed});
+  return std::max(asked, std::min(1e-3, 0.1 * rtol / left));
+}
+//-----------------------------------------------------------------------------
 PetscErrorCode Newton::apply(PC pc, Vec x, Vec y)
 {
   void* context;
@@ -210,7 +229,8 @@ PetscErrorCode Newton::apply(PC pc, Vec x, Vec y)
           std::vector<double> r = local_values(x);
           for (std::size_t i = 0; i < run.row_scale.size(); ++i)
             r[i] /= run.row_scale[i];
-          set_values(y, self._solver->solve(*run.system, r));
+          set_values(
+              y, self._solver->solve(*run.system, r, self.linear_tolerance()));
         });
   }
   if (raised or run.raised)

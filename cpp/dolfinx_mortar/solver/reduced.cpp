@@ -5,6 +5,11 @@
 #include "combine_rows.h"
 #include "convergence_error.h"
 #include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <dolfinx_mortar/dolfinx/timer.h>
+#include <limits>
 
 using namespace dolfinx_mortar;
 
@@ -17,6 +22,35 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 {
   return Eigen::Map<const Vector3d>(v.data() + 3 * node);
 }
+
+// An inner preconditioner serves further systems. Nodes whose constraints have
+// changed cost iterations, and so does what has become of the bodies'
+// stiffness; a new one costs as much as some fifteen of them.
+constexpr std::int64_t most_changed = 40;
+constexpr double most_growth = 1.3, most_more = 4;
+// Displacement dofs from which on memory counts more than time
+constexpr std::int64_t most_reused = 300000;
+
+/// A + B, as products only.
+Matrix as_sum(const Matrix& A, const Matrix& B)
+{
+  std::array<Mat, 2> terms = {A.get(), B.get()};
+  MPI_Comm comm;
+  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(A.get()), &comm),
+        "PetscObjectGetComm");
+  Matrix sum;
+  check(MatCreateComposite(comm, terms.size(), terms.data(), sum.put()),
+        "MatCreateComposite");
+  return sum;
+}
+
+std::vector<std::int8_t> num_constraints(const Elimination& e)
+{
+  std::vector<std::int8_t> num(e.constrained.size());
+  std::ranges::transform(e.constrained, num.begin(), [](const Matrix3d& Pi)
+                         { return std::lround(Pi.trace()); });
+  return num;
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -25,26 +59,83 @@ ReducedPreconditioner::ReducedPreconditioner(MPI_Comm comm,
                                              std::span<const double> x)
     : _comm(comm), _prefix(prefix), _x(x.begin(), x.end())
 {
+  const auto size = sum(comm, static_cast<std::int64_t>(x.size()));
+  PetscBool reuse = size > most_reused ? PETSC_FALSE : PETSC_TRUE;
+  check(PetscOptionsGetBool(nullptr, prefix.c_str(), "-pc_mortar_reuse", &reuse,
+                            nullptr),
+        "PetscOptionsGetBool");
+  _reuse = reuse;
 }
 //-----------------------------------------------------------------------------
-void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
+void ReducedPreconditioner::prepare(NewtonSystem& s, const Elimination& e,
                                     const RowOperator& rows)
 {
   _s = &s;
   _e = &e;
   _rows = &rows;
-  const std::vector<double> stiffness = diagonal(s.K.get());
+  // What belongs to the last system is large
+  PetscBool taken; // this system is solved once more
+  check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(s.K.get()),
+                               MATCOMPOSITE, &taken),
+        "PetscObjectTypeCompare");
+  if (!taken and _inner and (!_reuse or _worn or num_changed() > most_changed))
+    _inner.reset();
+  _W.reset();
+  _R = follow_masters();
+  _W = create_W();
+  _is_new = false;
+  if (!_inner)
+    set_up();
+  _blocks = invert_constraints();
+}
+//-----------------------------------------------------------------------------
+std::int64_t ReducedPreconditioner::num_changed() const
+{
+  const std::vector<std::int8_t> now = num_constraints(*_e);
+  std::int64_t changed = 0;
+  for (std::size_t node = 0; node < now.size(); ++node)
+    changed += now[node] != _constraints[node];
+  return sum(_comm, changed);
+}
+//-----------------------------------------------------------------------------
+int ReducedPreconditioner::patience(double rtol) const
+{
+  if (_is_new)
+    return std::numeric_limits<int>::max();
+  return static_cast<int>(-3 * std::log10(rtol) * _iterations_per_digit) + 20;
+}
+//-----------------------------------------------------------------------------
+bool ReducedPreconditioner::judge(bool converged, int iterations, double rtol)
+{
+  if (!converged and !_is_new)
+  {
+    set_up();
+    return false;
+  }
+  const double digits = -std::log10(rtol);
+  if (_is_new)
+    _iterations_per_digit = iterations / digits;
+  _worn = !converged
+          or iterations
+                 > most_growth * digits * _iterations_per_digit + most_more;
+  return true;
+}
+//-----------------------------------------------------------------------------
+void ReducedPreconditioner::set_up()
+{
+  Timer timer("~mortar: set up");
+  _inner.reset();
+  _constraints = num_constraints(*_e);
+  _is_new = true;
+  const std::vector<double> stiffness = diagonal(_s->K.get());
   double total = 0;
   for (double k : stiffness)
     total += k;
   _mean = sum(_comm, total)
           / sum(_comm, static_cast<std::int64_t>(stiffness.size()));
-  // What belongs to the last system is large
-  _inner.reset();
-  _W.reset();
-  _R = follow_masters();
-  _W = create_W();
-  const Matrix A = create_operator();
+  Matrix A = create_operator();
+  if (!_reuse)
+    _s->K = as_sum(A, difference(_s->K.get(), A.get()));
   check(PCCreate(_comm, _inner.put()), "PCCreate");
   check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
         "PCSetOptionsPrefix");
@@ -60,7 +151,6 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
                            "is singular. A body may not be held: check the "
                            "Dirichlet conditions.");
   }
-  _blocks = invert_constraints();
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_W() const

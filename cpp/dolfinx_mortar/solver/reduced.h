@@ -58,20 +58,47 @@ public:
                         std::span<const double> x);
 
   /// @brief Set up for a system. Collective.
-  /// @param[in] s,e,rows Newton system, its elimination and its rows; they must
-  /// live until the last call of apply.
+  ///
+  /// The inner preconditioner is the last one where the system differs in few
+  /// constraints from the one that it was made for, and its iterations have not
+  /// grown. With the option `pc_mortar_reuse false`, which is the default of
+  /// large systems, it is always a new one, and takes the place of `s.K`: that
+  /// becomes the sum of its matrix and of a few rows.
+  /// @param[in,out] s Newton system. It, and the others, must live until the
+  /// last call of apply.
+  /// @param[in] e,rows Its elimination and its rows.
   /// @throw ConvergenceError On all ranks, where the system is singular.
-  void prepare(const NewtonSystem& s, const Elimination& e,
-               const RowOperator& rows);
+  void prepare(NewtonSystem& s, const Elimination& e, const RowOperator& rows);
 
   /// @brief Approximate solution y of the condensed system for the right-hand
   /// side x. Collective.
   void apply(Vec x, Vec y) const;
 
+  /// Iterations after which an inner preconditioner of an earlier system is to
+  /// be given up.
+  int patience(double rtol) const;
+
+  /// @brief Take note of how a solution went. Collective.
+  /// @param[in] converged,iterations,rtol What the Krylov solver says.
+  /// @return False where there was none, and the inner preconditioner has been
+  /// made anew, for the present system: to be tried again.
+  /// @throw ConvergenceError As prepare.
+  bool judge(bool converged, int iterations, double rtol);
+
+  /// False where the tangent of the bodies is given up for a preconditioner
+  bool reuses() const { return _reuse; }
+
   /// The inner preconditioner; null before the first system
   PC inner() const { return _inner.get(); }
 
 private:
+  /// Number of nodes whose constraints are not those that the inner
+  /// preconditioner was made for; of all ranks.
+  std::int64_t num_changed() const;
+
+  /// Make the inner preconditioner for the present system.
+  void set_up();
+
   /// W; with (I + W) (I + R) in place of I + W, see follow_masters
   Matrix create_W() const;
 
@@ -100,12 +127,19 @@ private:
   std::string _prefix;
   std::vector<double> _x;
 
-  const NewtonSystem* _s = nullptr;
+  NewtonSystem* _s = nullptr;
   const Elimination* _e = nullptr;
   const RowOperator* _rows = nullptr;
   double _mean = 0;
   Matrix _W, _R;
+
   PetscHandle<PC, PCDestroy> _inner;
+  // Of the system that it was made for: numbers of constraints of all nodes,
+  // and iterations that a digit took
+  std::vector<std::int8_t> _constraints;
+  double _iterations_per_digit = 0;
+  bool _is_new = false, _worn = false;
+  bool _reuse = true; // as the options say
   std::vector<Eigen::Matrix3d> _blocks;
 };
 } // namespace dolfinx_mortar

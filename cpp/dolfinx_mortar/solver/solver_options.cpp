@@ -24,6 +24,11 @@ const Options factorisation
     = {{"pc_factor_mat_solver_type", "mumps"}, {"mat_mumps_icntl_14", "60"}};
 const Options krylov = {
     {"ksp_type", "gmres"}, {"ksp_rtol", "1e-8"}, {"ksp_gmres_restart", "200"}};
+// Linear systems are solved no more exactly than the step deserves, and more so
+// towards the end (Eisenstat and Walker's second choice)
+const Options inexact = {{"snes_ksp_ew", "true"},
+                         {"snes_ksp_ew_rtol0", "1e-3"},
+                         {"snes_ksp_ew_rtolmax", "1e-3"}};
 const Options multigrid = {{"mg_levels_pc_type", "sor"},
                            {"mg_levels_ksp_max_it", "1"},
                            {"pc_gamg_threshold", "0.02"}};
@@ -66,6 +71,7 @@ const std::vector<std::string> common = {"snes_rtol",
                                          "pc_gamg_agg_nsmooths",
                                          "pc_gamg_coarse_eq_limit",
                                          "pc_hypre_type",
+                                         "pc_mortar_reuse",
                                          "pc_mg_levels",
                                          "mg_levels_pc_type",
                                          "mg_levels_ksp_type",
@@ -137,11 +143,17 @@ std::string meant(std::string name)
 
 //-----------------------------------------------------------------------------
 SolverOptions::SolverOptions(std::string prefix, Options given,
-                             bool saddle_point)
+                             bool saddle_point, std::int64_t size)
     : _prefix(std::move(prefix)), _given(std::move(given))
 {
-  const auto pc = chosen("pc_type"), ksp = chosen("ksp_type");
+  auto pc = chosen("pc_type");
+  const auto ksp = chosen("ksp_type");
   Options defaults = newton;
+  if (!pc and !ksp and !saddle_point and size > largest_direct)
+  {
+    _multigrid_by_size = true;
+    pc = defaults["pc_type"] = "gamg";
+  }
   const bool by_default = (!pc or *pc == "lu") and (!ksp or *ksp == "preonly");
   if (by_default)
     defaults.insert(direct.begin(), direct.end());
@@ -149,6 +161,8 @@ SolverOptions::SolverOptions(std::string prefix, Options given,
   {
     // A Cholesky factorisation, too, is one of the reduced system only
     defaults.insert(krylov.begin(), krylov.end());
+    if (!chosen("ksp_rtol"))
+      defaults.insert(inexact.begin(), inexact.end());
   }
   if (by_default or (pc and (*pc == "lu" or *pc == "cholesky")))
   {

@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include <cstdint>
 #include <map>
 #include <mpi.h>
 #include <optional>
@@ -25,8 +26,18 @@ public:
   /// @throw std::invalid_argument An option cannot work with interfaces.
   /// @param[in] saddle_point The system is one: a factorisation puts off many
   /// pivots, all the more on several ranks, and needs more memory than planned.
+  /// @param[in] size Number of displacement dofs of all ranks. Where no solver
+  /// is given, it is a direct one up to `largest_direct` of them, and multigrid
+  /// for more, but for saddle points.
   SolverOptions(std::string prefix, std::map<std::string, std::string> given,
-                bool saddle_point = false);
+                bool saddle_point = false, std::int64_t size = 0);
+
+  /// Size from which on multigrid takes less time than a factorisation; a
+  /// quarter of its memory
+  static constexpr std::int64_t largest_direct = 50000;
+
+  /// True where multigrid has been chosen for the size
+  bool is_multigrid_by_size() const { return _multigrid_by_size; }
 
   const std::string& prefix() const { return _prefix; }
 
@@ -68,6 +79,7 @@ private:
 
   std::string _prefix, _line_search;
   std::map<std::string, std::string> _given, _values;
+  bool _multigrid_by_size = false;
   std::set<std::string> _defaults;
   std::optional<std::set<std::string>> _unread;
 };

@@ -1,0 +1,215 @@
+# Copyright (C) 2026 the dolfinx_mortar developers
+# SPDX-License-Identifier: MIT
+"""Time, iterations and memory of Hertz's problem against the number of unknowns.
+
+The hemisphere of demo_hertz.py on its plane, hex20, multigrid; every level in a process of its own,
+since memory is the largest that a process has had. Beside it the same bodies without contact: one
+linear elastic solve on the same mesh, by the same multigrid, to 1e-8, the plane's side of the
+hemisphere held near the pole. "Times" is what the problem takes, set-up of mesh and forms left out,
+in units of that solve. On several ranks, times are those of rank 0, memory is the sum.
+
+    python3 tests/benchmarks/scaling.py [--levels 2 4 6] [--material neo-hooke] [--ranks 1]
+        [--option NAME=VALUE ...] [--out scaling.json]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from cost import timed
+from dolfinx import fem
+from dolfinx.common import timing
+from dolfinx.fem import petsc
+
+sys.path.append(str(Path(__file__).parents[2] / "demos"))
+import demo_hertz as hertz
+
+PHASES = ("assemble", "search", "linearise", "condense", "set up", "solve")
+LOAD = 0.2
+
+
+def cpu() -> float:
+    """CPU time of this process so far [s]."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    return usage.ru_utime + usage.ru_stime
+
+
+def peak() -> float:
+    """Largest resident memory of all processes so far [B]."""
+    return MPI.COMM_WORLD.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+
+
+def rigid_modes(V):
+    """Rigid body modes of a displacement space, for multigrid."""
+    x = V.tabulate_dof_coordinates()[: V.dofmap.index_map.size_local]
+    coordinates = PETSc.Vec().createMPI((x.size, None), bsize=3, comm=V.mesh.comm)
+    coordinates.array[:] = x.ravel()
+    return PETSc.NullSpace().createRigidBody(coordinates)
+
+
+def elastic(level: int, options: dict) -> dict:
+    """One linear elastic solve: CPU time [s] and iterations."""
+    domain, tags, _ = hertz.levelled_mesh("hex20", LOAD, level, False)
+    V = hertz.displacement_space(domain, "hex20")
+    u, v, w = fem.Function(V), ufl.TestFunction(V), ufl.TrialFunction(V)
+    dx = ufl.dx(domain=domain, metadata={"quadrature_degree": 5})
+    ds = ufl.ds(domain=domain, subdomain_data=tags, metadata={"quadrature_degree": 5})
+    a = ufl.derivative(ufl.derivative(hertz.energy(u, "linear") * dx, u, v), u, w)
+    form, load = fem.form(a), fem.form(-LOAD * v[2] * ds(hertz.TOP))
+    bcs = hertz.supports(V, tags, False)
+    dofs = fem.locate_dofs_topological(V.sub(2), 2, tags.find(hertz.CAP))
+    bcs.append(fem.dirichletbc(0.0, dofs, V.sub(2)))
+    start = cpu()
+    A = petsc.create_matrix(form)
+    petsc.assemble_matrix(A, form, bcs)
+    A.assemble()
+    A.setNearNullSpace(rigid_modes(V))
+    A.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+    b = petsc.assemble_vector(load)
+    b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    petsc.set_bc(b, bcs)
+    database = PETSc.Options()
+    settings = {
+        "ksp_type": "gmres",
+        "ksp_rtol": 1e-8,
+        "ksp_gmres_restart": 200,
+        "pc_type": "gamg",
+        "mg_levels_pc_type": "sor",
+        "mg_levels_ksp_max_it": 1,
+        "pc_gamg_threshold": 0.02,
+    } | {k: value for k, value in options.items() if not k.startswith("snes")}
+    for name, value in settings.items():
+        database[f"elastic_{name}"] = value
+    ksp = PETSc.KSP().create(domain.comm)
+    ksp.setOptionsPrefix("elastic_")
+    ksp.setOperators(A)
+    ksp.setFromOptions()
+    x = b.duplicate()
+    ksp.solve(b, x)
+    if ksp.reason < 0:
+        raise RuntimeError(f"The elastic solve did not converge: {ksp.reason}.")
+    return {"elastic cpu": cpu() - start, "elastic iterations": ksp.its}
+
+
+def contact(level: int, material: str, options: dict) -> dict:
+    """The problem: CPU time [s], of phases too, iterations and memory."""
+    domain, tags, _ = hertz.levelled_mesh("hex20", LOAD, level, False)
+    per_solve: list[int] = []
+    monitored: dict = {}
+
+    def solve(*args, **kwargs):
+        # The solve alone is measured, and its Krylov iterations counted
+        problem = args[0]
+
+        def count(ksp, iteration, norm):
+            if iteration == 0:
+                per_solve.append(0)
+            per_solve[-1] = iteration
+
+        problem._cpp_object.ksp.setMonitor(count)
+        start, wall = cpu(), time.perf_counter()
+        result = original(*args, **kwargs)
+        monitored["cpu"], monitored["seconds"] = cpu() - start, time.perf_counter() - wall
+        return result
+
+    original = hertz.dm.ContactProblem.solve
+    hertz.dm.ContactProblem.solve = solve
+    try:
+        u, interface, problem, newton = hertz.solve(
+            domain, tags, "hex20", material, LOAD, petsc_options={"pc_type": "gamg"} | options
+        )
+    finally:
+        hertz.dm.ContactProblem.solve = original
+    V = u.function_space
+    pressure = domain.comm.allreduce(interface.pressure.x.array.max(), MPI.MAX)
+    return monitored | {
+        "level": level,
+        "dofs": 3 * V.dofmap.index_map.size_global,
+        "newton": newton,
+        "krylov": per_solve,
+        "largest pressure": float(pressure),
+        "norm": float(np.sqrt(domain.comm.allreduce(np.sum(_owned(u) ** 2)))),
+        "set-ups": timing("~mortar: set up")[0],
+        **{phase: timed(f"~mortar: {phase}") for phase in PHASES},
+    }
+
+
+def _owned(u):
+    index_map = u.function_space.dofmap.index_map
+    return u.x.array[: 3 * index_map.size_local]
+
+
+def case(arguments) -> None:
+    """One level, in this process: prints its figures as JSON on rank 0."""
+    options = dict(o.split("=", 1) for o in arguments.option)
+    level = arguments.levels[0]
+    row = contact(level, arguments.material, options)
+    row["bytes"] = peak()
+    row |= elastic(level, options)
+    if MPI.COMM_WORLD.rank == 0:
+        print("RESULT " + json.dumps(row), flush=True)
+
+
+def run(level: int, arguments) -> dict:
+    """One level, in processes of its own."""
+    command = [sys.executable, "-m", "mpi4py", __file__, "--case", "--levels", str(level)]
+    command += ["--material", arguments.material]
+    for option in arguments.option:
+        command += ["--option", option]
+    if arguments.ranks > 1:
+        mpirun = shutil.which("mpirun") or "mpirun"
+        command = [mpirun, "-n", str(arguments.ranks), *command]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+    line = next(x for x in done.stdout.splitlines() if x.startswith("RESULT "))
+    return json.loads(line.removeprefix("RESULT "))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--levels", type=int, nargs="+", default=[2, 4, 6])
+    parser.add_argument("--material", choices=hertz.MATERIALS, default="neo-hooke")
+    parser.add_argument("--ranks", type=int, default=1)
+    parser.add_argument("--option", action="append", default=[], help="of PETSc, NAME=VALUE")
+    parser.add_argument("--out", type=Path, help="write figures to this JSON file")
+    parser.add_argument("--case", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    if arguments.case:
+        case(arguments)
+        return
+    rows = []
+    columns = ("dofs", "kB/dof", "cpu [s]", "times", "elastic [s]", "iterations")
+    print("| " + " | ".join((*columns, *PHASES, "set-ups", "of contact")) + " |", flush=True)
+    print("|" + "--:|" * (len(columns) + len(PHASES) + 1) + "---|", flush=True)
+    for level in arguments.levels:
+        row = run(level, arguments)
+        rows.append(row)
+        cells = [
+            f"{row['dofs']}",
+            f"{row['bytes'] / row['dofs'] / 1e3:.2f}",
+            f"{row['cpu']:.1f}",
+            f"{row['cpu'] / row['elastic cpu']:.2f}",
+            f"{row['elastic cpu']:.1f}",
+            f"{row['elastic iterations']}",
+            *(f"{row[phase]:.1f}" for phase in PHASES),
+            f"{row['set-ups']}",
+            " ".join(map(str, row["krylov"])),
+        ]
+        print("| " + " | ".join(cells) + " |", flush=True)
+    if arguments.out:
+        arguments.out.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
