@@ -153,6 +153,8 @@ SolverOptions::SolverOptions(std::string prefix, Options given,
   {
     _multigrid_by_size = true;
     pc = defaults["pc_type"] = "gamg";
+    // Where it does not fit, the message that says so should not take hours
+    defaults["ksp_max_it"] = "1000";
   }
   const bool by_default = (!pc or *pc == "lu") and (!ksp or *ksp == "preonly");
   if (by_default)
