@@ -12,6 +12,7 @@ from blocks import NU, E
 from corner import corner
 from dolfinx.common import timing
 from dolfinx_mortar import cpp
+from nodal import by_position
 from pressed import pressed
 
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
@@ -100,10 +101,10 @@ def test_inexact_steps_end_at_the_same_solution(name, preconditioner):
         p.problem._cpp_object.ksp.setMonitor(count)
         for x, z in ((0.0, -0.01), (0.01, -0.012)):
             p.move(x, z)
-        u = p.problem.state.u
+        u = by_position(*p.problem.u)
         results.append((u, sum(counts), num_set_ups() - set_ups))
     (u, iterations, set_ups), (v, more, most) = results
-    assert p.problem.comm.allreduce(float((u - v) @ (u - v))) ** 0.5 < 1e-8 * p.norms()[0]
+    assert np.linalg.norm(u - v) < 1e-8 * np.linalg.norm(v)
     # To factorise is more work than to iterate, so that a factorisation serves longer
     assert iterations < (0.9 if preconditioner == "gamg" else 4) * more
     assert set_ups < most
