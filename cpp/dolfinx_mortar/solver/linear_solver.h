@@ -60,6 +60,13 @@ public:
   /// has made its own matrix: all who share it are to let go of it before.
   bool gives_up_tangent() const { return _reduced and !_reduced->reuses(); }
 
+  /// Free what is of no use for further systems, before the next is made.
+  void forget()
+  {
+    if (_reduced)
+      _reduced->forget();
+  }
+
   /// The Krylov solver
   KSP ksp() const { return _ksp.get(); }
 

@@ -162,6 +162,7 @@ void Newton::linearise(std::span<const double> x)
   Run& run = *_run;
   const Iteration& it = evaluate_at(x);
   run.system.reset();
+  _solver->forget();
   Matrix K = _bodies.tangent();
   if (_solver->gives_up_tangent())
     _bodies.release_tangents();

@@ -28,8 +28,6 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 // stiffness; a new one costs as much as some fifteen of them.
 constexpr std::int64_t most_changed = 40;
 constexpr double most_growth = 1.3, most_more = 4;
-// Displacement dofs from which on memory counts more than time
-constexpr std::int64_t most_reused = 300000;
 
 /// A + B, as products only.
 Matrix as_sum(const Matrix& A, const Matrix& B)
@@ -59,8 +57,7 @@ ReducedPreconditioner::ReducedPreconditioner(MPI_Comm comm,
                                              std::span<const double> x)
     : _comm(comm), _prefix(prefix), _x(x.begin(), x.end())
 {
-  const auto size = sum(comm, static_cast<std::int64_t>(x.size()));
-  PetscBool reuse = size > most_reused ? PETSC_FALSE : PETSC_TRUE;
+  PetscBool reuse = PETSC_TRUE;
   check(PetscOptionsGetBool(nullptr, prefix.c_str(), "-pc_mortar_reuse", &reuse,
                             nullptr),
         "PetscOptionsGetBool");

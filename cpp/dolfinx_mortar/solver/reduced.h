@@ -61,9 +61,9 @@ public:
   ///
   /// The inner preconditioner is the last one where the system differs in few
   /// constraints from the one that it was made for, and its iterations have not
-  /// grown. With the option `pc_mortar_reuse false`, which is the default of
-  /// large systems, it is always a new one, and takes the place of `s.K`: that
-  /// becomes the sum of its matrix and of a few rows.
+  /// grown. With the option `pc_mortar_reuse false` it is always a new one, and
+  /// takes the place of `s.K`: that becomes the sum of its matrix and of a few
+  /// rows.
   /// @param[in,out] s Newton system. It, and the others, must live until the
   /// last call of apply.
   /// @param[in] e,rows Its elimination and its rows.
@@ -84,6 +84,14 @@ public:
   /// made anew, for the present system: to be tried again.
   /// @throw ConvergenceError As prepare.
   bool judge(bool converged, int iterations, double rtol);
+
+  /// Free what has been made for the last system, where no further one will
+  /// have a use for it.
+  void forget()
+  {
+    if (!_reuse)
+      _inner.reset();
+  }
 
   /// False where the tangent of the bodies is given up for a preconditioner
   bool reuses() const { return _reuse; }
