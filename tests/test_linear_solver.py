@@ -140,8 +140,8 @@ def test_a_failing_linear_solver_stops_the_iteration():
         p.move(0.0, -0.01)
 
 
-def test_a_system_without_tangent_is_solved_twice():
-    """A preconditioner that takes the place of the tangent serves the second solution too."""
+def test_a_lagged_jacobian():
+    """A system is solved twice, with a new preconditioner each time."""
     lag = {"pc_type": "gamg", "pc_mortar_reuse": False, "snes_lag_jacobian": 2, "snes_max_it": 100}
     p, q = (pressed(dm.Contact, petsc_options=solver) for solver in (None, lag))
     for x in (p, q):

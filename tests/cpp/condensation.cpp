@@ -248,8 +248,7 @@ std::vector<double> solution(const SmallProblem& p, bool condense,
   SolverOptions options("unit_condensation_", std::move(given));
   const SolverOptions::Loan loan(options);
   LinearSolver solver(p.system.comm, options.prefix(), condense, p.x);
-  NewtonSystem s = p.system;
-  return solver.solve(s, p.local(p.r));
+  return solver.solve(p.system, p.local(p.r));
 }
 } // namespace
 

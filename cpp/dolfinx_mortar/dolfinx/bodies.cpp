@@ -159,7 +159,8 @@ Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
     _tool_motions.push_back(q);
   }
   set_conditions(std::move(bcs));
-  _tangents.resize(_bodies.size());
+  for (const Body& body : _bodies)
+    _tangents.emplace_back(dolfinx::fem::petsc::create_matrix(*body.J));
   _checksums = checksums();
 }
 //-----------------------------------------------------------------------------
@@ -252,10 +253,6 @@ Matrix Bodies::tangent() const
   Timer timer("~mortar: assemble");
   for (std::size_t b = 0; b < _bodies.size(); ++b)
   {
-    if (!_tangents[b])
-    {
-      _tangents[b] = Matrix(dolfinx::fem::petsc::create_matrix(*_bodies[b].J));
-    }
     const Mat A = _tangents[b].get();
     check(MatZeroEntries(A), "MatZeroEntries");
     dolfinx::fem::assemble_matrix(

@@ -169,10 +169,6 @@ public:
   /// With one body its values change with the next call.
   Matrix tangent() const;
 
-  /// Free the matrices of the bodies, as far as nobody else holds them, until
-  /// the tangent is asked for again.
-  void release_tangents() { _tangents.assign(_bodies.size(), {}); }
-
   /// @brief Non-zero for local displacements with a Dirichlet condition, shape
   /// (num_local_blocks, 3).
   std::vector<std::int8_t> prescribed() const;
@@ -232,7 +228,7 @@ private:
   std::vector<std::array<double, 6>> _tool_motions;
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
-  mutable std::vector<Matrix> _tangents; // null until asked for
+  std::vector<Matrix> _tangents;
   std::vector<std::size_t> _checksums;
 };
 } // namespace dolfinx_mortar

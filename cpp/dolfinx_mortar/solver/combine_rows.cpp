@@ -3,7 +3,6 @@
 
 #include "combine_rows.h"
 #include <algorithm>
-#include <array>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -22,7 +21,7 @@ public:
     _values.clear();
   }
 
-  void add(const MatrixRow& row, double factor = 1)
+  void add(const MatrixRow& row)
   {
     const auto columns = row.columns();
     const auto values = row.values();
@@ -37,7 +36,7 @@ public:
           = ours and j < columns.size() and _columns[i] == columns[j];
       _merged_columns.push_back(ours ? _columns[i] : columns[j]);
       _merged_values.push_back((ours ? _values[i] : 0)
-                               + (both or !ours ? factor * values[j] : 0));
+                               + (both or !ours ? values[j] : 0));
       i += ours;
       j += both or !ours;
     }
@@ -138,31 +137,5 @@ Matrix dolfinx_mortar::combine_rows(std::span<const RowTerm> terms,
   check(
       PetscObjectGetComm(reinterpret_cast<PetscObject>(terms.front().A), &comm),
       "PetscObjectGetComm");
-  return create_from_rows(comm, num_columns, std::move(out), 3);
-}
-//-----------------------------------------------------------------------------
-Matrix dolfinx_mortar::difference(Mat A, Mat B)
-{
-  const auto [num_rows, num_columns] = local_size(A);
-  const std::array<RowTerm, 2> both = {{{A}, {B}}};
-  RowStorage out(num_rows, capacity(both, 0));
-  PetscInt begin;
-  check(MatGetOwnershipRange(A, &begin, nullptr), "MatGetOwnershipRange");
-  RowSum sum;
-  for (PetscInt row = begin; row < begin + num_rows; ++row)
-  {
-    const MatrixRow a(A, row), b(B, row);
-    sum.clear();
-    if (!std::ranges::equal(a.columns(), b.columns())
-        or !std::ranges::equal(a.values(), b.values()))
-    {
-      sum.add(a);
-      sum.add(b, -1);
-    }
-    out.append(sum.columns(), sum.values(), 1);
-  }
-  MPI_Comm comm;
-  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(A), &comm),
-        "PetscObjectGetComm");
   return create_from_rows(comm, num_columns, std::move(out), 3);
 }

@@ -30,9 +30,4 @@ struct RowTerm
 Matrix combine_rows(std::span<const RowTerm> terms,
                     std::span<const double> scale = {},
                     std::span<const std::int32_t> unit = {});
-
-/// @brief A - B, with entries in rows where these two are not the same.
-/// Collective.
-/// @param[in] A,B Matrices with the same distribution of rows and columns.
-Matrix difference(Mat A, Mat B);
 } // namespace dolfinx_mortar

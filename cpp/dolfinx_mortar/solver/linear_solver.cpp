@@ -267,7 +267,7 @@ LinearSolver::LinearSolver(MPI_Comm comm, const std::string& prefix,
   }
 }
 //-----------------------------------------------------------------------------
-std::vector<double> LinearSolver::solve(NewtonSystem& s,
+std::vector<double> LinearSolver::solve(const NewtonSystem& s,
                                         std::span<const double> r, double rtol)
 {
   return _condense ? solve_condensed(s, r, rtol) : solve_saddle_point(s, r);
@@ -323,7 +323,7 @@ std::vector<double> LinearSolver::solve_saddle_point(const NewtonSystem& s,
   return run(A.get(), local_values(b.get()));
 }
 //-----------------------------------------------------------------------------
-std::vector<double> LinearSolver::solve_condensed(NewtonSystem& s,
+std::vector<double> LinearSolver::solve_condensed(const NewtonSystem& s,
                                                   std::span<const double> r,
                                                   double rtol)
 {

@@ -44,28 +44,16 @@ public:
                std::span<const double> x);
 
   /// @brief Solve for [du, dz]. Collective.
-  /// @param[in,out] s Newton system; a solver that keeps no tangent (see
-  /// gives_up_tangent) leaves `s.K` as a sum that has products only.
+  /// @param[in] s Newton system.
   /// @param[in] r [r_u, r_z]; entries at Dirichlet dofs are the steps of these.
   /// @param[in] rtol Tolerance of an iterative solver, where `ksp_rtol` need
   /// not be reached.
   /// @throw ConvergenceError On all ranks, where there is no solution.
-  std::vector<double> solve(NewtonSystem& s, std::span<const double> r,
+  std::vector<double> solve(const NewtonSystem& s, std::span<const double> r,
                             double rtol = 0);
 
   /// True where multipliers are condensed
   bool condense() const { return _condense; }
-
-  /// True where a solver has a use for the tangent of the bodies only until it
-  /// has made its own matrix: all who share it are to let go of it before.
-  bool gives_up_tangent() const { return _reduced and !_reduced->reuses(); }
-
-  /// Free what is of no use for further systems, before the next is made.
-  void forget()
-  {
-    if (_reduced)
-      _reduced->forget();
-  }
 
   /// The Krylov solver
   KSP ksp() const { return _ksp.get(); }
@@ -76,7 +64,7 @@ public:
 private:
   std::vector<double> solve_saddle_point(const NewtonSystem& s,
                                          std::span<const double> r);
-  std::vector<double> solve_condensed(NewtonSystem& s,
+  std::vector<double> solve_condensed(const NewtonSystem& s,
                                       std::span<const double> r, double rtol);
 
   /// @brief Run the Krylov solver, to the looser one of two tolerances.

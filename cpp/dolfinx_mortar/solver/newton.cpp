@@ -162,10 +162,7 @@ void Newton::linearise(std::span<const double> x)
   Run& run = *_run;
   const Iteration& it = evaluate_at(x);
   run.system.reset();
-  _solver->forget();
-  Matrix K = _bodies.tangent();
-  if (_solver->gives_up_tangent())
-    _bodies.release_tangents();
+  const Matrix K = _bodies.tangent();
   if (!run.step.springs.empty())
   {
     const Vector springs = create_vector(_coupling.comm(), run.step.springs);

@@ -6,7 +6,6 @@
 #include "convergence_error.h"
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <limits>
@@ -28,19 +27,6 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 // stiffness; a new one costs as much as some fifteen of them.
 constexpr std::int64_t most_changed = 40;
 constexpr double most_growth = 1.3, most_more = 4;
-
-/// A + B, as products only.
-Matrix as_sum(const Matrix& A, const Matrix& B)
-{
-  std::array<Mat, 2> terms = {A.get(), B.get()};
-  MPI_Comm comm;
-  check(PetscObjectGetComm(reinterpret_cast<PetscObject>(A.get()), &comm),
-        "PetscObjectGetComm");
-  Matrix sum;
-  check(MatCreateComposite(comm, terms.size(), terms.data(), sum.put()),
-        "MatCreateComposite");
-  return sum;
-}
 
 std::vector<std::int8_t> num_constraints(const Elimination& e)
 {
@@ -64,18 +50,14 @@ ReducedPreconditioner::ReducedPreconditioner(MPI_Comm comm,
   _reuse = reuse;
 }
 //-----------------------------------------------------------------------------
-void ReducedPreconditioner::prepare(NewtonSystem& s, const Elimination& e,
+void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
                                     const RowOperator& rows)
 {
   _s = &s;
   _e = &e;
   _rows = &rows;
   // What belongs to the last system is large
-  PetscBool taken; // this system is solved once more
-  check(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(s.K.get()),
-                               MATCOMPOSITE, &taken),
-        "PetscObjectTypeCompare");
-  if (!taken and _inner and (!_reuse or _worn or num_changed() > most_changed))
+  if (_inner and (!_reuse or _worn or num_changed() > most_changed))
     _inner.reset();
   _W.reset();
   _R = follow_masters();
@@ -130,9 +112,7 @@ void ReducedPreconditioner::set_up()
     total += k;
   _mean = sum(_comm, total)
           / sum(_comm, static_cast<std::int64_t>(stiffness.size()));
-  Matrix A = create_operator();
-  if (!_reuse)
-    _s->K = as_sum(A, difference(_s->K.get(), A.get()));
+  const Matrix A = create_operator();
   check(PCCreate(_comm, _inner.put()), "PCCreate");
   check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
         "PCSetOptionsPrefix");

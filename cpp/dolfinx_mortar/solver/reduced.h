@@ -61,14 +61,12 @@ public:
   ///
   /// The inner preconditioner is the last one where the system differs in few
   /// constraints from the one that it was made for, and its iterations have not
-  /// grown. With the option `pc_mortar_reuse false` it is always a new one, and
-  /// takes the place of `s.K`: that becomes the sum of its matrix and of a few
-  /// rows.
-  /// @param[in,out] s Newton system. It, and the others, must live until the
-  /// last call of apply.
-  /// @param[in] e,rows Its elimination and its rows.
+  /// grown. With the option `pc_mortar_reuse false` it is always a new one.
+  /// @param[in] s,e,rows Newton system, its elimination and its rows; they must
+  /// live until the last call of apply.
   /// @throw ConvergenceError On all ranks, where the system is singular.
-  void prepare(NewtonSystem& s, const Elimination& e, const RowOperator& rows);
+  void prepare(const NewtonSystem& s, const Elimination& e,
+               const RowOperator& rows);
 
   /// @brief Approximate solution y of the condensed system for the right-hand
   /// side x. Collective.
@@ -84,17 +82,6 @@ public:
   /// made anew, for the present system: to be tried again.
   /// @throw ConvergenceError As prepare.
   bool judge(bool converged, int iterations, double rtol);
-
-  /// Free what has been made for the last system, where no further one will
-  /// have a use for it.
-  void forget()
-  {
-    if (!_reuse)
-      _inner.reset();
-  }
-
-  /// False where the tangent of the bodies is given up for a preconditioner
-  bool reuses() const { return _reuse; }
 
   /// The inner preconditioner; null before the first system
   PC inner() const { return _inner.get(); }
@@ -135,7 +122,7 @@ private:
   std::string _prefix;
   std::vector<double> _x;
 
-  NewtonSystem* _s = nullptr;
+  const NewtonSystem* _s = nullptr;
   const Elimination* _e = nullptr;
   const RowOperator* _rows = nullptr;
   double _mean = 0;
