@@ -22,6 +22,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from pathlib import Path
 
 from mpi4py import MPI
@@ -74,18 +75,35 @@ def pytest_addoption(parser):
         default=1,
         help="of a test with parameters, run the first and each so many-th set of these only",
     )
+    parser.addoption(
+        "--deal",
+        action="store_true",
+        help="of a test with parameters, run the first set on each number of ranks, each other one"
+        " on one rank and on one further number alone",
+    )
 
 
 def pytest_collection_modifyitems(config, items):
-    every, seen, kept = config.getoption("every"), {}, []
+    every, deal = config.getoption("every"), config.getoption("deal") and comm.size > 1
+    further = [n for n in numbers_of_ranks(config) if n > 1]
+    seen, kept = {}, []
     for item in items:
         name = item.nodeid.partition("[")[0]
-        seen[name] = seen.get(name, -1) + 1
-        kept.append(seen[name] % every == 0)
+        seen[name] = number = seen.get(name, -1) + 1
+        keep = number % every == 0
+        if deal and number > 0 and comm.size in further:
+            # By name, since a parity of numbers would give one parameter to one number of ranks
+            share = zlib.crc32(item.nodeid.encode()) % len(further)
+            keep = keep and further[share] == comm.size
+        kept.append(keep)
     config.hook.pytest_deselected(
         items=[i for i, keep in zip(items, kept, strict=True) if not keep]
     )
     items[:] = [i for i, keep in zip(items, kept, strict=True) if keep]
+
+
+def numbers_of_ranks(config):
+    return [int(n) for n in config.getoption("ranks").split(",")]
 
 
 def pytest_configure(config):
@@ -195,7 +213,7 @@ class Conductor:
 
     def __init__(self, config):
         self.config = config
-        self.numbers = [n for n in map(int, config.getoption("ranks").split(",")) if n > 1]
+        self.numbers = [n for n in numbers_of_ranks(config) if n > 1]
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtestloop(self, session):
