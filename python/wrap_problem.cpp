@@ -216,6 +216,7 @@ void wrap_states(nb::class_<ContactProblem>& p)
           [](ContactProblem& self, const State& state, const Step& step,
              const Iteration& iteration, bool damped)
           {
+            self.bodies().forget_tangents();
             NewtonSystem s
                 = linearise(self.coupling(), step, state, iteration.interfaces,
                             self.bodies().tangent(), damped);

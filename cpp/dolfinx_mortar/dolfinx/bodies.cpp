@@ -160,7 +160,16 @@ Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
   }
   set_conditions(std::move(bcs));
   for (const Body& body : _bodies)
-    _tangents.emplace_back(dolfinx::fem::petsc::create_matrix(*body.J));
+  {
+    const bool constant
+        = std::ranges::none_of(body.J->coefficients(), [this](const auto& f)
+                               { return is_displacement(*f); });
+    _tangents.push_back(
+        {.matrix = Matrix(dolfinx::fem::petsc::create_matrix(*body.J)),
+         .constant = constant,
+         .assembled = false,
+         .u = {}});
+  }
   _checksums = checksums();
 }
 //-----------------------------------------------------------------------------
@@ -248,25 +257,51 @@ std::vector<double> Bodies::residual() const
   return f;
 }
 //-----------------------------------------------------------------------------
-Matrix Bodies::tangent() const
+bool Bodies::is_displacement(const dolfinx::fem::Function<double>& f) const
+{
+  return std::ranges::any_of(_bodies, [&f](const Body& body)
+                             { return body.u->x() == f.x(); });
+}
+//-----------------------------------------------------------------------------
+void Bodies::forget_tangents() const
+{
+  for (Tangent& t : _tangents)
+    t.assembled = false;
+}
+//-----------------------------------------------------------------------------
+void Bodies::assemble(std::size_t body, const std::vector<double>& u) const
 {
   Timer timer("~mortar: assemble");
+  Tangent& t = _tangents[body];
+  const Mat A = t.matrix.get();
+  t.assembled = false;
+  check(MatZeroEntries(A), "MatZeroEntries");
+  dolfinx::fem::assemble_matrix(
+      dolfinx::la::petsc::Matrix::set_block_fn(A, ADD_VALUES), *_bodies[body].J,
+      {});
+  check(MatAssemblyBegin(A, MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
+  check(MatAssemblyEnd(A, MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
+  t.assembled = true;
+  if (!t.constant)
+    t.u = u;
+}
+//-----------------------------------------------------------------------------
+Matrix Bodies::tangent() const
+{
+  const std::vector<double> u = local_displacements();
   for (std::size_t b = 0; b < _bodies.size(); ++b)
   {
-    const Mat A = _tangents[b].get();
-    check(MatZeroEntries(A), "MatZeroEntries");
-    dolfinx::fem::assemble_matrix(
-        dolfinx::la::petsc::Matrix::set_block_fn(A, ADD_VALUES), *_bodies[b].J,
-        {});
-    check(MatAssemblyBegin(A, MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
-    check(MatAssemblyEnd(A, MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
+    Tangent& t = _tangents[b];
+    const bool changed = !t.assembled or (!t.constant and t.u != u);
+    if (any(_layout.comm, changed))
+      assemble(b, u);
   }
   if (_tangents.size() == 1 and _tools.empty())
-    return _tangents.front();
+    return _tangents.front().matrix;
   const std::size_t n = _layout.num_bodies();
   std::vector<Mat> blocks(n * n, nullptr);
   for (std::size_t b = 0; b < _tangents.size(); ++b)
-    blocks[n * b + b] = _tangents[b].get();
+    blocks[n * b + b] = _tangents[b].matrix.get();
   std::vector<Matrix> zeros;
   for (std::size_t b = _tangents.size(); b < n; ++b)
   {

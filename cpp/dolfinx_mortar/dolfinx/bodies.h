@@ -166,8 +166,15 @@ public:
 
   /// @brief Tangent at the present displacement. Collective.
   ///
-  /// With one body its values change with the next call.
+  /// A body is assembled if its tangent depends on displacements that have
+  /// changed since the last call, or after forget_tangents. With one body the
+  /// matrix is the same one in each call: whoever changes its values calls
+  /// forget_tangents.
   Matrix tangent() const;
+
+  /// @brief The next tangent is assembled anew: constants and functions of the
+  /// forms may have changed.
+  void forget_tangents() const;
 
   /// @brief Non-zero for local displacements with a Dirichlet condition, shape
   /// (num_local_blocks, 3).
@@ -200,6 +207,13 @@ public:
 private:
   std::vector<std::size_t> checksums() const;
 
+  /// Assemble the tangent of a body. Collective.
+  /// @param[in] u Local displacements of all bodies.
+  void assemble(std::size_t body, const std::vector<double>& u) const;
+
+  /// Whether a function has the values of a displacement.
+  bool is_displacement(const dolfinx::fem::Function<double>& f) const;
+
   /// Values of the frames of tools, of those of the owned blocks. Collective.
   std::vector<std::array<double, 12>>
   tool_values(std::span<const double> owned) const;
@@ -228,7 +242,15 @@ private:
   std::vector<std::array<double, 6>> _tool_motions;
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
-  std::vector<Matrix> _tangents;
+  /// Of each body
+  struct Tangent
+  {
+    Matrix matrix;
+    bool constant; // of no displacement of the problem
+    bool assembled = false;
+    std::vector<double> u; // displacements of all bodies where it is assembled
+  };
+  mutable std::vector<Tangent> _tangents;
   std::vector<std::size_t> _checksums;
 };
 } // namespace dolfinx_mortar

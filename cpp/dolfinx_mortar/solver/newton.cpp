@@ -167,6 +167,7 @@ void Newton::linearise(std::span<const double> x)
   {
     const Vector springs = create_vector(_coupling.comm(), run.step.springs);
     check(MatDiagonalSet(K.get(), springs.get(), ADD_VALUES), "MatDiagonalSet");
+    _bodies.forget_tangents();
   }
   run.reference.floor = force_floor(_coupling.layout, K.get(),
                                     x.first(_coupling.layout.size()));

@@ -231,6 +231,7 @@ void ContactProblem::check_unchanged() const
 //-----------------------------------------------------------------------------
 std::pair<State, Step> ContactProblem::begin() const
 {
+  _bodies.forget_tangents(); // loads and materials may have changed
   State state = _state;
   Step step = _step;
   step.settings = _settings;
