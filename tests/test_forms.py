@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from dolfinx.common import timing
 from dolfinx_mortar import forms
 from test_bad_input import LOWER, UPPER, fails, two_cubes
 
 comm = MPI.COMM_WORLD
+ASSEMBLE = "~mortar: assemble"
 
 
 class Bodies:
@@ -136,3 +138,32 @@ def test_conditions_and_interfaces_of_another_kind(bodies):
     fails(lambda: dm.ContactProblem(F, u, interfaces=twice), "named twice")
     fails(lambda: dm.Interface(slave=sides.slave, master=sides.master), "Tie or a Contact")
     assert dm.ContactProblem(F, u, interfaces=contact).interfaces == (contact,)
+
+
+def counted(name):
+    """How often a timer of the library has run."""
+    try:
+        return timing(name)[0]
+    except RuntimeError:
+        return 0
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_tangent_follows_what_it_depends_on(bodies, linear):
+    """It is assembled if displacements or constants have changed, and not without."""
+    stiffness = [fem.Constant(w.function_space.mesh, 1.0) for w in bodies.u]
+    F = []
+    for k, w, f in zip(stiffness, bodies.u, bodies.F, strict=True):
+        v = ufl.TestFunction(w.function_space)
+        F.append(k * f if linear else k * f + k * ufl.inner(w, w) * ufl.inner(w, v) * ufl.dx)
+    with bodies.problem(F) as problem:
+        solved = [problem.solve()]
+        first, forces = counted(ASSEMBLE), [problem.interfaces[0].force]
+        for k in stiffness:
+            k.value = 2.0
+        solved.append(problem.solve())
+        second = counted(ASSEMBLE) - first
+        forces.append(problem.interfaces[0].force)
+    # Of twice the stiffness: twice the force, found at once
+    np.testing.assert_allclose(forces[1], 2 * forces[0], rtol=1e-6, atol=1e-9)
+    assert second == len(bodies.u) * (1 if linear else max(solved[1], 1))
