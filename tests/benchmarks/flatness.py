@@ -31,14 +31,15 @@ SETTINGS = {
     "ksp_max_it": 1000,
     "pc_mortar_reuse": False,
 }
-# Of a block: lowest and highest corner, cells along an edge of the large one as a multiple of n
+# Lowest and highest corner of each block
 LOWER = ((0.0, 0.0, 0.0), (1.0, 1.0, 0.5))
 UPPER = ((0.1, 0.1, 0.5), (0.9, 0.9, 0.9))
-MIDDLE, LID = UPPER, ((0.0, 0.0, 0.9), (1.0, 1.0, 1.4))
+LID = ((0.0, 0.0, 0.9), (1.0, 1.0, 1.4))
 
 
 def case(element="hex27", stiffness=1.0, nu=0.3, motion=(0.0, 0.0), loose=False, **interface):
-    """Settings of a case; more in `interface` makes it a contact instead of a tie."""
+    """Settings of a case: Young's modulus of the upper block over that of the lower one, motion of
+    its top along x and y; a third block above a loose one; `tie`, or options of a contact."""
     return {
         "element": element,
         "stiffness": stiffness,
@@ -80,7 +81,7 @@ def block(comm, corners, size: float, element: str):
 
 
 def body(comm, corners, size, element, E, nu):
-    """Displacement, tags and residual of a linear elastic block."""
+    """Displacement, facet tags and residual of a linear elastic block, in cells of a given size."""
     domain, tags = block(comm, corners, size, element)
     u = fem.Function(fem.functionspace(domain, ("Lagrange", 2, (3,))))
     mu = fem.Constant(domain, default_scalar_type(E / (2 * (1 + nu))))
@@ -139,7 +140,13 @@ def solve(n: int, settings: dict, options: dict) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, nargs="+", default=[6, 9, 12, 18])
+    parser.add_argument(
+        "--cells",
+        type=int,
+        nargs="+",
+        default=[6, 9, 12, 18],
+        help="per unit length, of the small block",
+    )
     parser.add_argument("--case", choices=CASES, nargs="+", default=list(CASES))
     parser.add_argument("--option", action="append", default=[], help="of PETSc, NAME=VALUE")
     parser.add_argument("--out", type=Path, help="write figures to this JSON file")

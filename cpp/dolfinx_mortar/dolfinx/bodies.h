@@ -242,13 +242,14 @@ private:
   std::vector<std::array<double, 6>> _tool_motions;
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
-  /// Of each body
+
+  /// Tangent of a body
   struct Tangent
   {
     Matrix matrix;
-    bool constant; // of no displacement of the problem
-    bool assembled = false;
-    std::vector<double> u; // displacements of all bodies where it is assembled
+    bool constant; // no function of a displacement of the problem
+    bool assembled;
+    std::vector<double> u; // local displacements where it is assembled
   };
   mutable std::vector<Tangent> _tangents;
   std::vector<std::size_t> _checksums;

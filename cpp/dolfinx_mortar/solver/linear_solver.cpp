@@ -366,11 +366,12 @@ std::vector<double> LinearSolver::solve_condensed(const NewtonSystem& s,
                 A.get(), MATOP_MULT,
                 reinterpret_cast<void (*)(void)>(multiply_condensed)),
             "MatShellSetOperation");
-      _reduced->prepare(s, e, rows);
     }
     else
       A = create_condensed(s, e, rows);
   }
+  if (_reduced)
+    _reduced->prepare(s, e, rows);
 
   std::vector<double> c = multiply(s.C_z.get(), dz);
   for (std::int32_t i = 0; i < s.size_z; ++i)

@@ -60,8 +60,11 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   if (_inner and (!_reuse or _worn or num_changed() > most_changed))
     _inner.reset();
   _W.reset();
-  _R = follow_masters();
-  _W = create_W();
+  {
+    Timer timer("~mortar: condense");
+    _R = follow_masters();
+    _W = create_W();
+  }
   _is_new = false;
   if (!_inner)
     set_up();
