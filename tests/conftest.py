@@ -77,24 +77,27 @@ def pytest_addoption(parser):
     )
     parser.addoption(
         "--deal",
-        action="store_true",
-        help="of a test with parameters, run the first set on each number of ranks, each other one"
-        " on one rank and on one further number alone",
+        metavar="WORD",
+        help="of a test with parameters, run the first set on one rank and on one of the further"
+        " numbers of ranks, each other set on one of all; another WORD deals them out otherwise",
     )
 
 
 def pytest_collection_modifyitems(config, items):
-    every, deal = config.getoption("every"), config.getoption("deal") and comm.size > 1
-    further = [n for n in numbers_of_ranks(config) if n > 1]
+    every, word = config.getoption("every"), config.getoption("deal")
+    further = sorted({n for n in numbers_of_ranks(config) if n > 1})
     seen, kept = {}, []
     for item in items:
         name = item.nodeid.partition("[")[0]
         seen[name] = number = seen.get(name, -1) + 1
         keep = number % every == 0
-        if deal and number > 0 and comm.size in further:
+        if word and further and not item.get_closest_marker("serial"):
             # By name, since a parity of numbers would give one parameter to one number of ranks
-            share = zlib.crc32(item.nodeid.encode()) % len(further)
-            keep = keep and further[share] == comm.size
+            share = zlib.crc32((word + item.nodeid).encode())
+            if number > 0:
+                keep = keep and [1, *further][share % (1 + len(further))] == comm.size
+            elif comm.size > 1:
+                keep = keep and further[share % len(further)] == comm.size
         kept.append(keep)
     config.hook.pytest_deselected(
         items=[i for i, keep in zip(items, kept, strict=True) if not keep]
