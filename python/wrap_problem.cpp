@@ -217,9 +217,10 @@ void wrap_states(nb::class_<ContactProblem>& p)
              const Iteration& iteration, bool damped)
           {
             self.bodies().forget_tangents();
+            // The next call changes the values of the bodies' own matrix
             NewtonSystem s
                 = linearise(self.coupling(), step, state, iteration.interfaces,
-                            self.bodies().tangent(), damped);
+                            duplicate(self.bodies().tangent().get()), damped);
             reduce_tools(self.bodies(), iteration.interfaces, s);
             return s;
           },

@@ -9,7 +9,8 @@
 #include <algorithm>
 #include <basix/cell.h>
 #include <basix/finite-element.h>
-#include <dolfinx/fem/petsc.h>
+#include <dolfinx/fem/assembler.h>
+#include <dolfinx/fem/utils.h>
 #include <limits>
 #include <stdexcept>
 #include <string_view>
@@ -82,6 +83,51 @@ tabulate_cell(const Space& V)
   cmap.tabulate(1, points, {num, 3}, phi);
   const std::vector<double> psi = e.tabulate(1, points, {num, 3}).first;
   return {gradients(phi, num, shape[2]), gradients(psi, num, e.dim())};
+}
+
+/// @brief Matrix for the tangents of all bodies, one after the other, with room
+/// for diagonal blocks of the frames of tools. Collective.
+Matrix create_tangent(const Layout& layout, std::span<const Body> bodies)
+{
+  std::vector<PetscInt> diagonal, other; // entries by owned block
+  for (std::size_t b = 0; b < layout.num_bodies(); ++b)
+  {
+    if (b >= bodies.size())
+    {
+      diagonal.resize(diagonal.size() + layout.num_owned[b], 1);
+      other.resize(diagonal.size(), 0);
+      continue;
+    }
+    auto pattern = dolfinx::fem::create_sparsity_pattern(*bodies[b].J);
+    pattern.finalize();
+    for (std::int32_t i = 0; i < layout.num_owned[b]; ++i)
+    {
+      diagonal.push_back(pattern.nnz_diag(i));
+      other.push_back(pattern.nnz_off_diag(i));
+    }
+  }
+  Matrix K;
+  check(MatCreate(layout.comm, K.put()), "MatCreate");
+  check(MatSetSizes(K.get(), layout.size(), layout.size(), PETSC_DETERMINE,
+                    PETSC_DETERMINE),
+        "MatSetSizes");
+  check(MatSetType(K.get(), MATAIJ), "MatSetType");
+  check(MatXAIJSetPreallocation(K.get(), 3, diagonal.data(), other.data(),
+                                nullptr, nullptr),
+        "MatXAIJSetPreallocation");
+  std::vector<PetscInt> numbers;
+  for (const std::vector<std::int64_t>& blocks : layout.blocks)
+    numbers.insert(numbers.end(), blocks.begin(), blocks.end());
+  PetscHandle<ISLocalToGlobalMapping, ISLocalToGlobalMappingDestroy> map;
+  check(ISLocalToGlobalMappingCreate(layout.comm, 3, numbers.size(),
+                                     numbers.data(), PETSC_COPY_VALUES,
+                                     map.put()),
+        "ISLocalToGlobalMappingCreate");
+  check(MatSetLocalToGlobalMapping(K.get(), map.get(), map.get()),
+        "MatSetLocalToGlobalMapping");
+  for (auto option : {MAT_KEEP_NONZERO_PATTERN, MAT_NEW_NONZERO_ALLOCATION_ERR})
+    check(MatSetOption(K.get(), option, PETSC_TRUE), "MatSetOption");
+  return K;
 }
 } // namespace
 
@@ -164,12 +210,9 @@ Bodies::Bodies(MPI_Comm comm, std::vector<Body> bodies,
     const bool constant
         = std::ranges::none_of(body.J->coefficients(), [this](const auto& f)
                                { return is_displacement(*f); });
-    _tangents.push_back(
-        {.matrix = Matrix(dolfinx::fem::petsc::create_matrix(*body.J)),
-         .constant = constant,
-         .assembled = false,
-         .u = {}});
+    _assembled.push_back({.constant = constant, .present = false, .u = {}});
   }
+  _tangent = create_tangent(_layout, _bodies);
   _checksums = checksums();
 }
 //-----------------------------------------------------------------------------
@@ -265,60 +308,84 @@ bool Bodies::is_displacement(const dolfinx::fem::Function<double>& f) const
 //-----------------------------------------------------------------------------
 void Bodies::forget_tangents() const
 {
-  for (Tangent& t : _tangents)
-    t.assembled = false;
+  for (Assembled& a : _assembled)
+    a.present = false;
 }
 //-----------------------------------------------------------------------------
 void Bodies::assemble(std::size_t body, const std::vector<double>& u) const
 {
   Timer timer("~mortar: assemble");
-  Tangent& t = _tangents[body];
-  const Mat A = t.matrix.get();
-  t.assembled = false;
-  check(MatZeroEntries(A), "MatZeroEntries");
-  dolfinx::fem::assemble_matrix(
-      dolfinx::la::petsc::Matrix::set_block_fn(A, ADD_VALUES), *_bodies[body].J,
-      {});
-  check(MatAssemblyBegin(A, MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
-  check(MatAssemblyEnd(A, MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
-  t.assembled = true;
-  if (!t.constant)
-    t.u = u;
+  const Mat K = _tangent.get();
+  const PetscInt start = _layout.local_start(body);
+  std::vector<PetscInt> rows, columns;
+  auto add
+      = [&](std::span<const std::int32_t> r, std::span<const std::int32_t> c,
+            std::span<const double> values)
+  {
+    auto shift = [start](std::int32_t i) { return start + i; };
+    rows.resize(r.size());
+    columns.resize(c.size());
+    std::ranges::transform(r, rows.begin(), shift);
+    std::ranges::transform(c, columns.begin(), shift);
+    const PetscErrorCode error
+        = MatSetValuesBlockedLocal(K, rows.size(), rows.data(), columns.size(),
+                                   columns.data(), values.data(), ADD_VALUES);
+    check(error, "MatSetValuesBlockedLocal");
+    return 0;
+  };
+  dolfinx::fem::assemble_matrix(add, *_bodies[body].J, {});
+  if (!_assembled[body].constant)
+    _assembled[body].u = u;
 }
 //-----------------------------------------------------------------------------
 Matrix Bodies::tangent() const
 {
   const std::vector<double> u = local_displacements();
+  std::vector<std::size_t> changed;
   for (std::size_t b = 0; b < _bodies.size(); ++b)
   {
-    Tangent& t = _tangents[b];
-    const bool changed = !t.assembled or (!t.constant and t.u != u);
-    if (any(_layout.comm, changed))
-      assemble(b, u);
+    const Assembled& a = _assembled[b];
+    if (any(_layout.comm, !a.present or (!a.constant and a.u != u)))
+      changed.push_back(b);
   }
-  if (_tangents.size() == 1 and _tools.empty())
-    return _tangents.front().matrix;
-  const std::size_t n = _layout.num_bodies();
-  std::vector<Mat> blocks(n * n, nullptr);
-  for (std::size_t b = 0; b < _tangents.size(); ++b)
-    blocks[n * b + b] = _tangents[b].matrix.get();
-  std::vector<Matrix> zeros;
-  for (std::size_t b = _tangents.size(); b < n; ++b)
+  if (changed.empty())
+    return _tangent;
+  const Mat K = _tangent.get();
+  for (std::size_t b : changed)
+    _assembled[b].present = false;
+  if (changed.size() == _bodies.size())
+    check(MatZeroEntries(K), "MatZeroEntries");
+  else
   {
-    const PetscInt size = 3 * _layout.num_owned[b];
-    std::vector<Entry> diagonal;
-    for (PetscInt i = 0; i < size; ++i)
-      diagonal.push_back({i, i, 0.0});
-    zeros.push_back(create_from_entries(_layout.comm, size, size, diagonal));
-    blocks[n * b + b] = zeros.back().get();
+    std::vector<PetscInt> rows;
+    for (std::size_t b : changed)
+    {
+      const PetscInt first = 3 * (_layout.first_block + _layout.owned_start(b));
+      for (PetscInt i = 0; i < 3 * _layout.num_owned[b]; ++i)
+        rows.push_back(first + i);
+    }
+    check(MatZeroRows(K, rows.size(), rows.data(), 0.0, nullptr, nullptr),
+          "MatZeroRows");
   }
-  Matrix nest, K;
-  check(MatCreateNest(_layout.comm, n, nullptr, n, nullptr, blocks.data(),
-                      nest.put()),
-        "MatCreateNest");
-  check(MatConvert(nest.get(), MATAIJ, MAT_INITIAL_MATRIX, K.put()),
-        "MatConvert");
-  return K;
+  for (std::size_t b : changed)
+    assemble(b, u);
+  // Sums have entries at the frames of tools: without these there would be no
+  // room for them
+  const std::array<double, 9> zeros{};
+  for (std::size_t b = _bodies.size(); b < _layout.num_bodies(); ++b)
+  {
+    for (PetscInt i = 0; i < _layout.num_owned[b]; ++i)
+    {
+      const PetscInt row = _layout.first_block + _layout.owned_start(b) + i;
+      check(MatSetValuesBlocked(K, 1, &row, 1, &row, zeros.data(), ADD_VALUES),
+            "MatSetValuesBlocked");
+    }
+  }
+  check(MatAssemblyBegin(K, MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
+  check(MatAssemblyEnd(K, MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
+  for (std::size_t b : changed)
+    _assembled[b].present = true;
+  return _tangent;
 }
 //-----------------------------------------------------------------------------
 std::vector<std::int8_t> Bodies::prescribed() const

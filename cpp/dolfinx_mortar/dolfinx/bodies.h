@@ -167,9 +167,8 @@ public:
   /// @brief Tangent at the present displacement. Collective.
   ///
   /// A body is assembled if its tangent depends on displacements that have
-  /// changed since the last call, or after forget_tangents. With one body the
-  /// matrix is the same one in each call: whoever changes its values calls
-  /// forget_tangents.
+  /// changed since the last call, or after forget_tangents. The matrix is the
+  /// same one in each call: whoever changes its values calls forget_tangents.
   Matrix tangent() const;
 
   /// @brief The next tangent is assembled anew: constants and functions of the
@@ -207,7 +206,8 @@ public:
 private:
   std::vector<std::size_t> checksums() const;
 
-  /// Assemble the tangent of a body. Collective.
+  /// Add the tangent of a body to the matrix, without the exchange that ends
+  /// the assembly.
   /// @param[in] u Local displacements of all bodies.
   void assemble(std::size_t body, const std::vector<double>& u) const;
 
@@ -243,15 +243,15 @@ private:
   std::vector<std::shared_ptr<const DirichletBC>> _bcs;
   Layout _layout;
 
-  /// Tangent of a body
-  struct Tangent
+  /// What the rows of a body hold in the tangent
+  struct Assembled
   {
-    Matrix matrix;
     bool constant; // no function of a displacement of the problem
-    bool assembled;
+    bool present;
     std::vector<double> u; // local displacements where it is assembled
   };
-  mutable std::vector<Tangent> _tangents;
+  Matrix _tangent;
+  mutable std::vector<Assembled> _assembled;
   std::vector<std::size_t> _checksums;
 };
 } // namespace dolfinx_mortar

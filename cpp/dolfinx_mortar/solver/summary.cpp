@@ -13,7 +13,7 @@ namespace
 {
 using Vec3 = Eigen::Vector3d;
 
-Eigen::Map<const Vec3> row(std::span<const double> x, std::size_t k)
+Eigen::Map<const Vec3> node_row(std::span<const double> x, std::size_t k)
 {
   return Eigen::Map<const Vec3>(x.data() + 3 * k);
 }
@@ -65,11 +65,11 @@ Summary dolfinx_mortar::summarise(const ContactProblem& problem,
       continue;
     const double weight = geometry.nodal.weight[k];
     const double pressure
-        = row(geometry.configuration.normals.n, k).dot(row(z, k));
+        = node_row(geometry.configuration.normals.n, k).dot(node_row(z, k));
     largest = std::max(largest, pressure);
     overlap = std::max(overlap, -evaluation.gap[k] / weight);
     Eigen::Map<Vec3>(sums.data())
-        += weight * pressure * row(geometry.configuration.x_slave, k);
+        += weight * pressure * node_row(geometry.configuration.x_slave, k);
     sums[3] += weight * pressure;
     sums[4] += weight;
   }
