@@ -206,6 +206,10 @@ double Newton::linear_tolerance() const
       "SNESGetTolerances");
   const Iterate& now = _history.back();
   const double left = std::max({now.force, now.constraint, now.prescribed});
+  // While sets change the next system is another one, whose residual does not
+  // follow from this one's
+  if (now.changes > 0)
+    asked = std::max(asked, 1e-3);
   return std::max(asked, std::min(1e-3, 0.1 * rtol / left));
 }
 //-----------------------------------------------------------------------------
