@@ -143,7 +143,8 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
     num_entries += r.columns.size() * (scalar ? 3 : R * C);
   }
   throw_on_all(comm, message);
-  RowStorage storage(local_rows, num_entries);
+  RowStorage storage(local_rows, num_entries,
+                     first_of_rank(comm, local_columns), local_columns);
   std::vector<PetscInt> columns;
   std::vector<double> values;
   std::vector<std::size_t> order;
@@ -183,7 +184,7 @@ Matrix BlockAccumulator<R, C>::assemble(MPI_Comm comm, PetscInt local_rows,
   }
   _rows.clear();
   _index.clear();
-  return create_from_rows(comm, local_columns, std::move(storage));
+  return create_from_rows(comm, std::move(storage));
 }
 
 template class dolfinx_mortar::BlockAccumulator<1, 1>;

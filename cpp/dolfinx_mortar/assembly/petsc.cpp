@@ -49,8 +49,8 @@ Vector view(Mat A, bool left, std::span<const double> x)
   }
   return v;
 }
-/// Let a matrix free the memory that it uses.
-void own(Mat A, std::unique_ptr<RowStorage> rows)
+/// Let a matrix free the memory that it uses, at its end.
+void keep(Mat A, std::unique_ptr<RowStorage> rows)
 {
   PetscContainer container;
   check(PetscContainerCreate(PETSC_COMM_SELF, &container),
@@ -140,54 +140,73 @@ Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, PetscInt local_rows,
   return A;
 }
 //-----------------------------------------------------------------------------
-RowStorage::RowStorage(std::size_t num_rows, std::size_t capacity)
+RowStorage::RowStorage(std::size_t num_rows, std::size_t capacity,
+                       PetscInt first_column, PetscInt num_columns)
     : _capacity_rows(num_rows), _capacity(capacity),
-      _offsets(std::make_unique_for_overwrite<PetscInt[]>(num_rows + 1)),
-      _columns(std::make_unique_for_overwrite<PetscInt[]>(capacity)),
-      _values(std::make_unique_for_overwrite<double[]>(capacity))
+      _first_column(first_column), _num_columns(num_columns)
 {
-  _offsets[0] = 0;
+  for (Part* part : {&_own, &_others})
+  {
+    part->offsets = std::make_unique_for_overwrite<PetscInt[]>(num_rows + 1);
+    part->columns = std::make_unique_for_overwrite<PetscInt[]>(capacity);
+    part->values = std::make_unique_for_overwrite<double[]>(capacity);
+    part->offsets[0] = 0;
+  }
 }
 //-----------------------------------------------------------------------------
 void RowStorage::append(std::span<const PetscInt> columns,
                         std::span<const double> values, double factor)
 {
-  if (_num_rows == _capacity_rows or _size + columns.size() > _capacity)
+  std::size_t end_own = _own.offsets[_num_rows],
+              end_others = _others.offsets[_num_rows];
+  if (_num_rows == _capacity_rows
+      or std::max(end_own, end_others) + columns.size() > _capacity)
     throw std::length_error("More entries of a matrix than were announced.");
-  std::ranges::copy(columns, _columns.get() + _size);
-  if (factor == 1)
-    std::ranges::copy(values, _values.get() + _size);
-  else
+  for (std::size_t k = 0; k < columns.size(); ++k)
   {
-    std::ranges::transform(values, _values.get() + _size,
-                           [factor](double v) { return factor * v; });
+    const PetscInt column = columns[k] - _first_column;
+    const bool own = column >= 0 and column < _num_columns;
+    Part& part = own ? _own : _others;
+    std::size_t& end = own ? end_own : end_others;
+    part.columns[end] = own ? column : columns[k];
+    part.values[end++] = factor * values[k];
   }
-  _size += columns.size();
-  _offsets[++_num_rows] = _size;
+  ++_num_rows;
+  _own.offsets[_num_rows] = end_own;
+  _others.offsets[_num_rows] = end_others;
 }
 //-----------------------------------------------------------------------------
-Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, PetscInt local_columns,
-                                        RowStorage&& rows, int block_size)
+Matrix dolfinx_mortar::create_from_rows(MPI_Comm comm, RowStorage&& rows,
+                                        int block_size)
 {
-  const std::size_t n = rows.num_rows();
-  const std::size_t size = rows.offsets()[n];
+  auto owner = std::make_unique<RowStorage>(std::move(rows));
+  RowStorage::Part &own = owner->own(), &others = owner->others();
+  const PetscInt n = owner->num_rows(), columns = owner->num_columns();
   int num_ranks;
   MPI_Comm_size(comm, &num_ranks);
-  if (num_ranks > 1)
-  {
-    return create_from_rows(comm, n, local_columns,
-                            std::span(rows.offsets(), n + 1),
-                            std::span(rows.columns(), size),
-                            std::span(rows.values(), size), block_size);
-  }
-  auto owner = std::make_unique<RowStorage>(std::move(rows));
   Matrix A;
-  check(MatCreateSeqAIJWithArrays(comm, n, local_columns, owner->offsets(),
-                                  owner->columns(), owner->values(), A.put()),
-        "MatCreateSeqAIJWithArrays");
+  if (num_ranks == 1)
+  {
+    check(MatCreateSeqAIJWithArrays(comm, n, columns, own.offsets.get(),
+                                    own.columns.get(), own.values.get(),
+                                    A.put()),
+          "MatCreateSeqAIJWithArrays");
+  }
+  else
+  {
+    check(MatCreateMPIAIJWithSplitArrays(
+              comm, n, columns, PETSC_DETERMINE, PETSC_DETERMINE,
+              own.offsets.get(), own.columns.get(), own.values.get(),
+              others.offsets.get(), others.columns.get(), others.values.get(),
+              A.put()),
+          "MatCreateMPIAIJWithSplitArrays");
+  }
   if (block_size > 1)
     check(MatSetBlockSize(A.get(), block_size), "MatSetBlockSize");
-  own(A.get(), std::move(owner));
+  // Sums of such matrices have entries elsewhere
+  check(MatSetOption(A.get(), MAT_NEW_NONZERO_LOCATION_ERR, PETSC_FALSE),
+        "MatSetOption");
+  keep(A.get(), std::move(owner));
   return A;
 }
 //-----------------------------------------------------------------------------

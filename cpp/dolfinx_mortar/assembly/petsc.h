@@ -115,14 +115,24 @@ Matrix create_from_rows(MPI_Comm comm, PetscInt local_rows,
                         std::span<const double> values, int block_size = 1);
 
 /// @brief Rows of a matrix, one after the other, in memory that a matrix can
-/// take over.
+/// take over. As in such a matrix, entries in columns of this rank and in those
+/// of others are apart.
 class RowStorage
 {
 public:
+  /// Entries in some of the columns
+  struct Part
+  {
+    std::unique_ptr<PetscInt[]> offsets, columns;
+    std::unique_ptr<double[]> values;
+  };
+
   /// @param[in] num_rows Number of rows.
   /// @param[in] capacity Number of entries there can be; memory that is never
   /// written costs nothing.
-  RowStorage(std::size_t num_rows, std::size_t capacity);
+  /// @param[in] first_column,num_columns Columns of this rank.
+  RowStorage(std::size_t num_rows, std::size_t capacity, PetscInt first_column,
+             PetscInt num_columns);
 
   /// @brief Append a row, times a factor.
   /// @param[in] columns Global columns, ascending.
@@ -131,24 +141,25 @@ public:
               double factor = 1);
 
   std::size_t num_rows() const { return _num_rows; }
-  PetscInt* offsets() { return _offsets.get(); }
-  PetscInt* columns() { return _columns.get(); }
-  double* values() { return _values.get(); }
+  PetscInt num_columns() const { return _num_columns; }
+
+  /// Entries in columns of this rank, numbered from its first one
+  Part& own() { return _own; }
+
+  /// Entries in columns of other ranks
+  Part& others() { return _others; }
 
 private:
-  std::size_t _num_rows = 0, _size = 0, _capacity_rows, _capacity;
-  std::unique_ptr<PetscInt[]> _offsets, _columns;
-  std::unique_ptr<double[]> _values;
+  std::size_t _num_rows = 0, _capacity_rows, _capacity;
+  PetscInt _first_column, _num_columns;
+  Part _own, _others;
 };
 
-/// @brief Matrix from the rows of this rank; on one rank they are not copied.
-/// Collective.
+/// @brief Matrix from the rows of this rank, which are not copied. Collective.
 /// @param[in] comm Communicator.
-/// @param[in] local_columns Local number of columns.
 /// @param[in] rows All rows of this rank.
 /// @param[in] block_size Size of the blocks that rows come in.
-Matrix create_from_rows(MPI_Comm comm, PetscInt local_columns,
-                        RowStorage&& rows, int block_size = 1);
+Matrix create_from_rows(MPI_Comm comm, RowStorage&& rows, int block_size = 1);
 
 /// @brief Matrix all of whose entries are in the rank's own columns.
 /// Collective.

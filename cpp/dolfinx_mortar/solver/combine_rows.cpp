@@ -93,7 +93,10 @@ Matrix dolfinx_mortar::combine_rows(std::span<const RowTerm> terms,
   PetscInt begin;
   check(MatGetOwnershipRange(terms.front().A, &begin, nullptr),
         "MatGetOwnershipRange");
-  RowStorage out(n, capacity(terms, unit.size()));
+  PetscInt first_column;
+  check(MatGetOwnershipRangeColumn(terms.front().A, &first_column, nullptr),
+        "MatGetOwnershipRangeColumn");
+  RowStorage out(n, capacity(terms, unit.size()), first_column, num_columns);
   RowSum sum;
   for (std::size_t row = 0; row < n; ++row)
   {
@@ -137,5 +140,5 @@ Matrix dolfinx_mortar::combine_rows(std::span<const RowTerm> terms,
   check(
       PetscObjectGetComm(reinterpret_cast<PetscObject>(terms.front().A), &comm),
       "PetscObjectGetComm");
-  return create_from_rows(comm, num_columns, std::move(out), 3);
+  return create_from_rows(comm, std::move(out), 3);
 }

@@ -212,8 +212,18 @@ Matrix ReducedPreconditioner::create_operator() const
   const Mat K = _s->K.get(), W = _W.get();
   const Matrix KW = multiply(K, W);
   Matrix WK, WKW;
-  check(MatTransposeMatMult(W, K, MAT_INITIAL_MATRIX, PETSC_DEFAULT, WK.put()),
-        "MatTransposeMatMult");
+  {
+    // The product copies its second factor: few rows of K are multiplied
+    std::vector<std::int8_t> moved(_s->size_u);
+    PetscInt begin;
+    check(MatGetOwnershipRange(W, &begin, nullptr), "MatGetOwnershipRange");
+    for (std::int32_t dof = 0; dof < _s->size_u; ++dof)
+      moved[dof] = !MatrixRow(W, begin + dof).columns().empty();
+    const std::vector<RowTerm> rows = {{K, moved}};
+    check(MatTransposeMatMult(W, combine_rows(rows).get(), MAT_INITIAL_MATRIX,
+                              PETSC_DEFAULT, WK.put()),
+          "MatTransposeMatMult");
+  }
   check(MatTransposeMatMult(W, KW.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT,
                             WKW.put()),
         "MatTransposeMatMult");
