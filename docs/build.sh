@@ -1,0 +1,12 @@
+#!/bin/sh
+# Makes the documentation in output/docs/html; ./run sh docs/build.sh [OPTION FOR sphinx-build...]
+#
+# Warnings are errors. What Doxygen reads out of the headers is in output/docs/doxygen.
+set -eu
+cd "$(dirname "$0")/.."
+out=$PWD/output/docs
+mkdir -p "$out/doxygen"
+(cat docs/Doxyfile && echo "OUTPUT_DIRECTORY = \"$out/doxygen\"") | doxygen -
+export MORTAR_DOXYGEN="$out/doxygen/xml"
+python3 -m sphinx -W --keep-going -n -b html -d "$out/doctrees" "$@" docs "$out/html"
+echo "output/docs/html/index.html"
