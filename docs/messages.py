@@ -75,6 +75,11 @@ def entries() -> list[Entry]:
     ]
 
 
+def parts() -> list[str]:
+    """Words that are parts of other messages, or none."""
+    return _data()["parts"]
+
+
 def _data() -> dict[str, Any]:
     return tomllib.loads(Path(__file__).with_suffix(".toml").read_text())
 
@@ -84,11 +89,11 @@ def assign(messages: list[Message], known: list[Entry]) -> dict[str, list[Messag
 
     Those of the piece ``""`` have no entry.
     """
-    parts = _data()["parts"]
+    words = parts()
     found: dict[str, list[Message]] = {"": [], **{e.piece: [] for e in known}}
     for message in messages:
         pieces = [piece for piece in found if piece in message.text]
-        if not any(part in message.text and len(pieces) == 1 for part in parts):
+        if not any(part in message.text and len(pieces) == 1 for part in words):
             found[max(pieces, key=len)].append(message)
     return found
 
