@@ -23,6 +23,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "breathe",
     "formulas",
+    "headers",
     "tables",
 ]
 exclude_patterns = ["gallery/README.md"]
