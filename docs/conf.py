@@ -49,7 +49,6 @@ breathe_projects = {"dolfinx_mortar": os.environ["MORTAR_DOXYGEN"]}
 breathe_default_project = "dolfinx_mortar"
 breathe_default_members = ("members",)
 breathe_show_include = True
-cpp_id_attributes = ["dolfinx_mortar"]
 
 html_theme = "furo"
 html_title = f"dolfinx_mortar {version}"
@@ -59,3 +58,13 @@ html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True}
 pygments_style = "default"
+
+
+def setup(app):
+    """Napoleon takes what is before a colon in the first line of a property as its type."""
+
+    def begin_with_text(app, what, name, obj, options, lines):
+        if what in ("property", "attribute"):
+            lines.insert(0, "")
+
+    app.connect("autodoc-process-docstring", begin_with_text, priority=400)

@@ -20,6 +20,11 @@ def _plain(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>$#|{}~])", r"\\\1", text)
 
 
+def _whole(text: str) -> str:
+    """A message, with … for what comes before the piece that the source has."""
+    return text if text[0].isupper() or text.startswith("*") else f"… {text.lstrip(': ')}"
+
+
 class _Table(SphinxDirective):
     """A table of Markdown cells."""
 
@@ -32,7 +37,8 @@ class _Table(SphinxDirective):
         raise NotImplementedError
 
     def run(self) -> list[nodes.Node]:
-        table = nodes.table()
+        self.env.note_reread()  # sources may have changed
+        table = nodes.table(classes=["colwidths-given", "from-sources"])
         group = nodes.tgroup(cols=len(self.head))
         table += group
         for width in self.widths:
@@ -66,7 +72,7 @@ class Messages(_Table):
                 yield self._cells(entry, assigned[entry.piece])
 
     def _cells(self, entry: messages.Entry, found: list[messages.Message]) -> tuple[str, str]:
-        texts = dict.fromkeys(_plain(m.text) for m in found)
+        texts = dict.fromkeys(_plain(_whole(m.text)) for m in found)
         kinds = dict.fromkeys(m.kind for m in found if m.kind)
         files = dict.fromkeys(m.file for m in found)
         names = ", ".join(f"`{f.removeprefix('cpp/').removeprefix('python/')}`" for f in files)
@@ -81,7 +87,7 @@ class Defaults(_Table):
     """Defaults of the arguments of a call, or of a group of PETSc options."""
 
     head = ("Name", "Default", "What it changes and costs")
-    widths = (22, 18, 60)
+    widths = (31, 19, 50)
 
     def rows(self) -> Iterable[Sequence[str]]:
         name = self.arguments[0]
@@ -98,7 +104,7 @@ class Fixed(_Table):
     """Numbers that the sources fix."""
 
     head = ("Name and file", "Value", "What it is")
-    widths = (30, 12, 58)
+    widths = (36, 14, 50)
 
     def rows(self) -> Iterable[Sequence[str]]:
         for n in defaults.fixed_numbers():
@@ -145,7 +151,9 @@ class Demo(SphinxDirective):
         name = self.arguments[0]
         source = defaults.ROOT / "demos" / f"demo_{name}.py"
         gallery = defaults.ROOT / "docs" / "gallery"
-        lines = [*_introduction(source.read_text()), "", f"    ./run python3 demos/{source.name}", ""]
+        self.env.note_reread()
+        command = ["```text", f"./run python3 demos/{source.name}", "```"]
+        lines = [*_introduction(source.read_text()), "", *command, ""]
         pictures = {gallery / f"{name}.png": "gallery", source.with_name(f"{name}.png"): "../demos"}
         found = [f"{folder}/{path.name}" for path, folder in pictures.items() if path.exists()]
         if found:
@@ -165,7 +173,9 @@ def _introduction(source: str) -> list[str]:
     begin = next(k for k, line in enumerate(words) if line.startswith("# ")) + 1
     words = words[begin:]
     end = next((k for k, line in enumerate(words) if line.startswith("## ")), len(words))
-    return [line for line in words[:end] if not line.startswith("Run it with")]
+    paragraphs = "\n".join(words[:end]).split("\n\n")
+    kept = [p for p in paragraphs if not p.strip().startswith("Run it with")]
+    return "\n\n".join(kept).splitlines()
 
 
 def setup(app: Any) -> dict[str, bool]:
