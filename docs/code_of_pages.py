@@ -1,6 +1,6 @@
 # Copyright (C) 2026 the dolfinx_mortar developers
 # SPDX-License-Identifier: MIT
-"""The code of pages, one block after the other: `python3 docs/code_of_pages.py PAGE.md... > script.py`."""
+"""The code of pages: `python3 docs/code_of_pages.py PAGE.md... > script.py`."""
 
 import re
 import sys

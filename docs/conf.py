@@ -61,10 +61,11 @@ pygments_style = "default"
 
 
 def setup(app):
-    """Napoleon takes what is before a colon in the first line of a property as its type."""
+    """Called by Sphinx."""
 
-    def begin_with_text(app, what, name, obj, options, lines):
+    def begin_with_comment(app, what, name, obj, options, lines):
+        # Napoleon takes what is before a colon in the first line of a property as its type
         if what in ("property", "attribute"):
-            lines.insert(0, "")
+            lines[:0] = ["..", ""]
 
-    app.connect("autodoc-process-docstring", begin_with_text, priority=400)
+    app.connect("autodoc-process-docstring", begin_with_comment, priority=400)

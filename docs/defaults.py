@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import ast
 import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import tomllib
 
 ROOT = Path(__file__).parents[1]
 PYTHON = ROOT / "python" / "dolfinx_mortar"

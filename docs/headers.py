@@ -28,7 +28,7 @@ def _location(element: Any) -> tuple[str, int]:
 
 
 def _declarations(folder: Path) -> Iterator[tuple[tuple[str, int], str, str]]:
-    """Place, kind and name of what namespaces declare, functions with their arguments if need be."""
+    """Place, kind and name of what namespaces declare; of overloads with their arguments."""
     index = ElementTree.parse(folder / "index.xml").getroot()
     for entry in index.findall("compound"):
         if entry.get("kind") not in (*_CLASSES, "namespace"):
