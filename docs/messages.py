@@ -152,7 +152,10 @@ def _of_cpp(path: Path, everything: bool) -> Iterator[Message]:
         return
     name = str(path.relative_to(ROOT))
     for statement, literals in _statements(path.read_text()):
-        words = _tidy("".join(literals))
+        first = next((text for text in literals if text != "…"), "")
+        words = _tidy("".join(literals)).strip("… ")
+        # What is before a literal is code, or a value if the literal goes on from it
+        words = f"… {words}" if first.startswith((" ", ":")) and words[:1].islower() else words
         thrown = re.search(r"\bthrow ([\w:]+)", statement)
         if _is_sentence(words) and (thrown or everything) and "PetscPrintf" not in statement:
             informs = re.search(r"\blog_info\b", statement)
@@ -189,7 +192,7 @@ def _is_sentence(text: str) -> bool:
 
 def _tidy(text: str) -> str:
     text = re.sub(r"%[.\d]*[defg]", "…", re.sub(r"\s+", " ", text))
-    return re.sub(r"…(\s*…)+", "…", text).strip(" …") or text
+    return re.sub(r"…(\s*…)+", "…", text).strip()
 
 
 if __name__ == "__main__":

@@ -20,11 +20,6 @@ def _plain(text: str) -> str:
     return re.sub(r"([\\`*_\[\]<>$#|{}~])", r"\\\1", text)
 
 
-def _whole(text: str) -> str:
-    """A message, with … for what comes before the piece that the source has."""
-    return text if text[0].isupper() or text.startswith("*") else f"… {text.lstrip(': ')}"
-
-
 class _Table(SphinxDirective):
     """A table of Markdown cells."""
 
@@ -72,7 +67,7 @@ class Messages(_Table):
                 yield self._cells(entry, assigned[entry.piece])
 
     def _cells(self, entry: messages.Entry, found: list[messages.Message]) -> tuple[str, str]:
-        texts = dict.fromkeys(_plain(_whole(m.text)) for m in found)
+        texts = dict.fromkeys(_plain(m.text) for m in found)
         kinds = dict.fromkeys(m.kind for m in found if m.kind)
         files = dict.fromkeys(m.file for m in found)
         names = ", ".join(f"`{f.removeprefix('cpp/').removeprefix('python/')}`" for f in files)

@@ -133,7 +133,7 @@ def test_the_collector_of_messages(tmp_path, monkeypatch):
     )
     found = [(m.kind, m.text) for m in messages.collect()]
     assert found == [
-        ("ValueError", "is …, but must be y."),
+        ("ValueError", "… is …, but must be y."),
         ("RuntimeError", 'One; of … is "bad".'),
     ]
 
