@@ -1,12 +1,14 @@
 #!/bin/sh
 # Makes the documentation in output/docs/html; ./run sh docs/build.sh [OPTION FOR sphinx-build...]
 #
-# Warnings are errors. What Doxygen reads out of the headers is in output/docs/doxygen.
+# Warnings are errors. What Doxygen reads out of the headers is in output/docs/doxygen. All pages
+# are made anew, since Sphinx does not know which of them follow from which sources.
 set -eu
 cd "$(dirname "$0")/.."
 out=$PWD/output/docs
 mkdir -p "$out/doxygen"
 (cat docs/Doxyfile && echo "OUTPUT_DIRECTORY = \"$out/doxygen\"") | doxygen -
 export MORTAR_DOXYGEN="$out/doxygen/xml"
-python3 -m sphinx -W --keep-going -n -b html -d "$out/doctrees" "$@" docs "$out/html"
+# Breathe has not yet heard of what the next Sphinx will want
+python3 -W 'ignore:Sphinx 9 will drop' -m sphinx -q -E -a -W --keep-going -n -b html -d "$out/doctrees" "$@" docs "$out/html"
 echo "output/docs/html/index.html"

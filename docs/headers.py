@@ -53,7 +53,6 @@ class Header(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        self.env.note_reread()
         folder = Path(os.environ["MORTAR_DOXYGEN"])
         wanted = f"dolfinx_mortar/{self.arguments[0]}"
         found = sorted(d for d in _declarations(folder) if d[0][0].endswith(wanted))

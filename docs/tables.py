@@ -32,7 +32,6 @@ class _Table(SphinxDirective):
         raise NotImplementedError
 
     def run(self) -> list[nodes.Node]:
-        self.env.note_reread()  # sources may have changed
         table = nodes.table(classes=["colwidths-given", "from-sources"])
         group = nodes.tgroup(cols=len(self.head))
         table += group
@@ -146,7 +145,6 @@ class Demo(SphinxDirective):
         name = self.arguments[0]
         source = defaults.ROOT / "demos" / f"demo_{name}.py"
         gallery = defaults.ROOT / "docs" / "gallery"
-        self.env.note_reread()
         command = ["```text", f"./run python3 demos/{source.name}", "```"]
         lines = [*_introduction(source.read_text()), "", *command, ""]
         pictures = {gallery / f"{name}.png": "gallery", source.with_name(f"{name}.png"): "../demos"}
