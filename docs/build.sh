@@ -9,6 +9,5 @@ out=$PWD/output/docs
 mkdir -p "$out/doxygen"
 (cat docs/Doxyfile && echo "OUTPUT_DIRECTORY = \"$out/doxygen\"") | doxygen -
 export MORTAR_DOXYGEN="$out/doxygen/xml"
-# Breathe has not yet heard of what the next Sphinx will want
-python3 -W 'ignore:Sphinx 9 will drop' -m sphinx -q -E -a -W --keep-going -n -b html -d "$out/doctrees" "$@" docs "$out/html"
+python3 -m sphinx -q -E -a -W --keep-going -n -b html -d "$out/doctrees" "$@" docs "$out/html"
 echo "output/docs/html/index.html"
