@@ -113,6 +113,16 @@ def test_messages():
         assert entry.kind or any(m.kind for m in assigned[entry.piece]), entry.piece
 
 
+def test_quoted_messages():
+    """What the decision table quotes in italics are words of messages."""
+    texts = [m.text for m in messages.collect()]
+    rows = re.findall(r"^\| (.*?) \|", TEXT[DOCS / "howto" / "convergence.md"], re.MULTILINE)
+    quoted = [q for row in rows for q in re.findall(r"\*([^*]+)\*", row)]
+    assert len(quoted) > 10
+    for piece in [p.strip() for q in quoted for p in q.split("…")]:
+        assert any(piece in text for text in texts), piece
+
+
 def test_topics():
     topics = list(dict.fromkeys(e.topic for e in messages.entries()))
     assert re.findall(r"^```\{messages\} (.*)$", TEXT[DOCS / "messages.md"], re.MULTILINE) == topics
