@@ -37,8 +37,9 @@ class Contact(Interface):
     r"""Unilateral contact of two surfaces, with Coulomb or Tresca friction.
 
     Args:
-        V, facet_tags, slave, master, multiplier, integration, quadrature_degree,
-            search_distance, max_angle, min_coverage: See :class:`Tie`.
+        V, facet_tags, slave, master: See :class:`Tie`.
+        multiplier, integration, quadrature_degree: See :class:`Tie`.
+        search_distance, max_angle, min_coverage: See :class:`Tie`.
         friction: Coulomb's coefficient μ; None or 0 for frictionless contact. A ``fem.Constant``
             is read when a solve begins.
         tresca: Given bound of the tangential traction [traction] instead of μ z_n; a number or a

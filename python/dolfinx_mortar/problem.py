@@ -58,9 +58,11 @@ class ContactProblem(memory.Destroyable):
 
     Attributes:
         spaces: Displacement space of each body.
-        history: Of the last solve, one dictionary per Newton iteration: ``force`` (norm of the
-            residual force relative to the forces at work), ``constraint``, ``active``, ``stick``,
-            ``slip``, ``changes`` (nodes that changed state), ``step`` (length of the step taken).
+        history: Of the last solve, one dictionary per Newton iteration: ``iteration``, ``force``
+            (norm of the residual force relative to the forces at work), ``residual`` (absolute),
+            ``constraint``, ``prescribed`` (distance to prescribed displacements), ``active``,
+            ``stick``, ``slip``, ``changes`` (nodes that changed state), ``step`` (length of the
+            step taken); ``cycle`` where the active sets have been found to cycle.
     """
 
     def __init__(
@@ -181,7 +183,7 @@ class ContactProblem(memory.Destroyable):
             max_cuts: How often a step may be halved.
 
         Returns:
-            Number of Newton iterations (of all parts of a cut step).
+            Number of Newton iterations; of a cut step, of all parts that converged.
 
         Raises:
             ConvergenceError: Not converged, or to a state that cannot be meant: bodies that have
