@@ -130,7 +130,7 @@ def draw_pressure(path: Path, interface, dofs: int) -> None:
     largest, radius = hertz.hertz(LOAD)
     curve = np.linspace(0, radius, 400)
     figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    axis.plot(r, p, ".", markersize=2, label=f"{dofs:,} unknowns, hex20".replace(",", " "))
+    axis.plot(r, p, ".", markersize=2, label=f"{dofs:,}".replace(",", " ") + " unknowns, hex20")
     axis.plot(curve, largest * np.sqrt(1 - (curve / radius) ** 2), "k", linewidth=1, label="Hertz")
     axis.set(xlabel="distance from the axis", ylabel="pressure", xlim=(0, 1.3 * radius))
     axis.legend()

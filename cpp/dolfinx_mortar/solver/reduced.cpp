@@ -9,6 +9,9 @@
 #include <cmath>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <limits>
+#ifdef __GLIBC__
+#include <malloc.h>
+#endif
 
 using namespace dolfinx_mortar;
 
@@ -107,6 +110,11 @@ void ReducedPreconditioner::set_up()
 {
   Timer timer("~mortar: set up");
   _inner.reset();
+#ifdef __GLIBC__
+  // What the last one was made of lies between what stays, and would not be
+  // given back
+  malloc_trim(0);
+#endif
   _constraints = num_constraints(*_e);
   _is_new = true;
   const std::vector<double> stiffness = diagonal(_s->K.get());
