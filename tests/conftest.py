@@ -76,6 +76,9 @@ def pytest_addoption(parser):
         help="of a test with parameters, run the first and each so many-th set of these only",
     )
     parser.addoption(
+        "--part", default="1/1", help="I/N: run the tests I, I + N, I + 2 N and so on only"
+    )
+    parser.addoption(
         "--deal",
         metavar="WORD",
         help="of a test with parameters, run the first set on one rank and on one of the further"
@@ -86,11 +89,12 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(config, items):
     every, word = config.getoption("every"), config.getoption("deal")
     further = sorted({n for n in numbers_of_ranks(config) if n > 1})
+    part, parts = map(int, config.getoption("part").split("/"))
     seen, kept = {}, []
-    for item in items:
+    for i, item in enumerate(items):
         name = item.nodeid.partition("[")[0]
         seen[name] = number = seen.get(name, -1) + 1
-        keep = number % every == 0
+        keep = number % every == 0 and i % parts == part - 1
         if word and further and not item.get_closest_marker("serial"):
             # By name, since a parity of numbers would give one parameter to one number of ranks
             share = zlib.crc32((word + item.nodeid).encode())
