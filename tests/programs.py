@@ -14,8 +14,11 @@ YIELDING = {"OMPI_MCA_mpi_yield_when_idle": "1"}
 BUILD = Path(dm.cpp.__file__).parents[2]  # where <build>/python/dolfinx_mortar/cpp*.so is
 
 
-def run(*command, cwd=None, timeout=300):
-    """Run a command, which must succeed; returns what it writes."""
+def run(*command, cwd=None, timeout=900):
+    """Run a command, which must succeed; returns what it writes.
+
+    The limit is for what hangs: ranks that are left few cores by other work take minutes.
+    """
     # MPI adds to the environment of this process what mpirun must not see; os.environ lacks it.
     done = subprocess.run(
         [str(c) for c in command],
