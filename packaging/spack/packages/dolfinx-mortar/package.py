@@ -1,0 +1,25 @@
+"""The C++ library."""
+
+from spack.package import *
+
+
+class DolfinxMortar(CMakePackage):
+    """Dual mortar contact and mesh tying for FEniCSx, C++ library."""
+
+    license("MIT")
+
+    # A release adds its url and version(..., sha256=...); until then: spack develop
+    version("develop")
+
+    depends_on("c", type="build")
+    depends_on("cxx", type="build")
+    depends_on("cmake@3.21:", type="build")
+    depends_on("pkgconfig", type="build")
+    depends_on("eigen")
+    depends_on("fenics-dolfinx@0.9: +petsc")
+    depends_on("petsc ~complex +double")
+
+    conflicts("%gcc@:9", msg="C++20 is needed")
+
+    def cmake_args(self):
+        return [self.define("MORTAR_PYTHON", False), self.define("MORTAR_UNITY", True)]
