@@ -10,7 +10,7 @@ step() { printf '\n=== %s\n' "$*"; }
 unset PYTHONPATH
 
 step 'source distribution'
-python3 -m venv --system-site-packages "$work/venv"
+python3 -m venv --without-pip --system-site-packages "$work/venv" # pip is that of the system
 (cd "$project" && python3 -c "
 from scikit_build_core.build import build_sdist
 print(build_sdist('$work'))")

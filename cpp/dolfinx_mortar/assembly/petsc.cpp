@@ -162,6 +162,18 @@ void RowStorage::append(std::span<const PetscInt> columns,
   if (_num_rows == _capacity_rows
       or std::max(end_own, end_others) + columns.size() > _capacity)
     throw std::length_error("More entries of a matrix than were announced.");
+  const PetscInt end_column = _first_column + _num_columns;
+  if (!columns.empty() and columns.front() >= _first_column
+      and columns.back() < end_column)
+  {
+    // As all rows of one rank, and nearly all of several
+    std::ranges::transform(columns, _own.columns.get() + end_own,
+                           [this](PetscInt c) { return c - _first_column; });
+    std::ranges::transform(values, _own.values.get() + end_own,
+                           [factor](double v) { return factor * v; });
+    end_own += columns.size();
+    columns = {};
+  }
   for (std::size_t k = 0; k < columns.size(); ++k)
   {
     const PetscInt column = columns[k] - _first_column;
