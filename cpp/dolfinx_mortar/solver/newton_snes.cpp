@@ -204,13 +204,17 @@ double Newton::linear_tolerance() const
   check(
       SNESGetTolerances(_snes.get(), nullptr, &rtol, nullptr, nullptr, nullptr),
       "SNESGetTolerances");
+  PetscReal loosest;
+  check(SNESKSPGetParametersEW(_snes.get(), nullptr, nullptr, &loosest, nullptr,
+                               nullptr, nullptr, nullptr),
+        "SNESKSPGetParametersEW");
   const Iterate& now = _history.back();
-  const double left = std::max({now.force, now.constraint, now.prescribed});
   // While sets change the next system is another one, whose residual does not
   // follow from this one's
   if (now.changes > 0)
-    asked = std::max(asked, 1e-3);
-  return std::max(asked, std::min(1e-3, 0.1 * rtol / left));
+    return std::max(asked, loosest);
+  const double left = std::max({now.force, now.constraint, now.prescribed});
+  return std::max(asked, std::min(loosest, 0.1 * rtol / left));
 }
 //-----------------------------------------------------------------------------
 PetscErrorCode Newton::apply(PC pc, Vec x, Vec y)
