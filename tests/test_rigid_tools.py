@@ -45,6 +45,7 @@ def pressed(
     free="",
     rotation=None,
     petsc_options=None,
+    stabilise=None,
     **options,
 ):
     """A neo-Hookean block of 1 x 1 x 0.5, its top held, over what `make` returns.
@@ -56,7 +57,7 @@ def pressed(
         slave: Sides that are the slave.
         free: Components of the tool that are.
         rotation: With which the tool begins, about where it leaves a ball's or a plane's surface.
-        petsc_options: Of the problem.
+        petsc_options, stabilise: Of the problem.
         **options: Of the interface.
     """
     b = body(element, cells=cells)
@@ -80,6 +81,7 @@ def pressed(
         interfaces=[contact],
         petsc_options_prefix="tool_",
         petsc_options=petsc_options,
+        stabilise=stabilise,
     )
     return Pressed(problem, contact, top, [b])
 
@@ -438,6 +440,56 @@ def test_all_components_free():
     # Pressures act where force and moment do
     centre = p.contact.summary()["centre"] - [0.5, 0.5, 0]
     np.testing.assert_allclose(centre[:2], [0.6 / 20, 1.0 / 20], rtol=0.05)
+
+
+def loaded_far_away(stabilise, force=20.0):
+    """A plate below a block with a gap, free to tilt, pushed up away from the block's middle."""
+    p = pressed(plane(-0.1), "hex20", free="z rx ry", stabilise=stabilise)
+    p.contact.tool.applied_force = (0, 0, force)
+    return p
+
+
+def test_tool_that_springs_hold():
+    """With springs a plate meets the block though nothing holds it before; without, it turns away."""
+    fails(loaded_far_away(None).problem.solve, "is not held", kind=dm.ConvergenceError)
+    fails(
+        loaded_far_away(1e-3).problem.solve,
+        "stiffest springs",
+        "ten times",
+        kind=dm.ConvergenceError,
+    )
+    p = loaded_far_away(1e-2)
+    tool = p.contact.tool
+    p.problem.solve()
+    assert tool.force[2] == pytest.approx(-20, rel=1e-6)
+    np.testing.assert_allclose(tool.moment, 0, atol=1e-5)
+    found = p.problem.stabilisation
+    assert 0 < found["force"] < 1e-5 and 0 < found["energy_share"] < 1e-4
+    # From there it stands without springs, and the place is the same
+    place = np.array([*tool.translation, *tool.rotation])
+    q = pressed(plane(), "hex20", free="z rx ry")
+    q.contact.tool.applied_force = (0, 0, 20)
+    q.problem.solve()
+    np.testing.assert_allclose(tool.rotation, q.contact.tool.rotation, atol=1e-6)
+    np.testing.assert_allclose(place[2], 0.1 + q.contact.tool.translation[2], rtol=1e-6)
+    # Prescribed components begin where they are, and are told where to go
+    tool.translation = (0.01, 0, 0)
+    p.problem.solve()
+    np.testing.assert_allclose(tool.translation[:2], [0.01, 0], atol=1e-12)
+    assert tool.force[2] == pytest.approx(-20, rel=1e-6)
+
+
+def test_long_cycles():
+    """Sets that come back after eight iterations, as of a plate that first meets a corner."""
+    p = loaded_far_away(1e-1, 5.0)
+    p.problem.solve()
+    assert p.contact.tool.force[2] == pytest.approx(-5, rel=1e-4)
+
+
+def test_tool_that_springs_alone_would_hold():
+    p = pressed(plane(-0.1), "hex8", free="z", stabilise=1e-3)
+    p.contact.tool.applied_force = (0, 0, -20)
+    fails(p.problem.solve, "carry all of the loads", kind=dm.ConvergenceError)
 
 
 def test_roller_that_is_driven():

@@ -47,9 +47,10 @@ class ContactProblem(memory.Destroyable):
             are in PETSc's database only while the problem is made and solved.
         condense: Condense the multipliers (default where all are dual); False keeps a saddle
             point.
-        stabilise: Weak springs for bodies that nothing holds but contact, at their nodes, to where
-            a solve begins: stiffness as a share of the nodes' own, such as 1e-3. From one solution
-            to the next they are weakened to a millionth of this; see :attr:`stabilisation`.
+        stabilise: Weak springs for bodies that nothing holds but contact, at their nodes, and for
+            free components of rigid tools, to where a solve begins: stiffness as a share of that
+            of the nodes, or of all slave nodes of a tool, such as 1e-3. From one solution to the
+            next they are weakened to a millionth of this; see :attr:`stabilisation`.
         form_compiler_options, jit_options: Passed on to ``fem.form``.
 
     Raises:

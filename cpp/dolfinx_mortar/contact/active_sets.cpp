@@ -9,12 +9,8 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-bool on_all(MPI_Comm comm, bool value)
-{
-  int flag = value;
-  MPI_Allreduce(MPI_IN_PLACE, &flag, 1, MPI_INT, MPI_LAND, comm);
-  return flag;
-}
+/// Longest period of a cycle; the default limit of iterations sees two of them
+constexpr std::size_t longest_period = 12;
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -44,7 +40,10 @@ std::int64_t ActiveSets::record(std::vector<Status> status)
 bool ActiveSets::cycling() const
 {
   const std::size_t n = _records.size();
-  for (std::size_t period = 2; period < 6; ++period)
+  // For each period whether the states of this rank repeat, and whether they
+  // stay the same
+  std::array<std::array<int, 2>, longest_period + 1> flags{};
+  for (std::size_t period = 2; period <= longest_period; ++period)
   {
     bool repeats = n > 2 * period, moves = false;
     for (std::size_t k = 0; repeats and k < period; ++k)
@@ -52,10 +51,11 @@ bool ActiveSets::cycling() const
       repeats = _records[n - 1 - k] == _records[n - 1 - k - period];
       moves = moves or _records[n - 1 - k] != _records[n - 2 - k];
     }
-    // The states of all ranks together have the period
-    const bool all_repeat = on_all(_comm, repeats);
-    if (!on_all(_comm, !moves) and all_repeat)
-      return true;
+    flags[period] = {repeats, !moves};
   }
-  return false;
+  // The states of all ranks together have the period
+  MPI_Allreduce(MPI_IN_PLACE, flags.data(), 2 * flags.size(), MPI_INT, MPI_LAND,
+                _comm);
+  return std::ranges::any_of(flags,
+                             [](const auto& f) { return f[0] and !f[1]; });
 }

@@ -33,7 +33,7 @@ public:
   std::int64_t record(std::vector<Status> status);
 
   /// @brief Whether the states come back to earlier ones, with a period of 2 to
-  /// 5. Collective.
+  /// 12. Collective.
   bool cycling() const;
 
   /// @brief States of the last iterate, and of the one before it.

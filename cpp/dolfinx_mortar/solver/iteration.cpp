@@ -17,18 +17,23 @@ Iteration dolfinx_mortar::evaluate(Bodies& bodies, const Coupling& coupling,
   const std::vector<double> moved = bodies.displacements();
   Iteration it;
   it.free_forces = bodies.residual();
+  std::vector<std::int8_t> is_load(n, 0);
+  for (std::int32_t dof : bodies.tool_dofs())
+    is_load[dof] = 1;
+  auto spring_force = [&](std::size_t i)
+  { return step.springs[i] * (u[i] - step.spring_origin[i]); };
   for (std::size_t i = 0; i < step.springs.size(); ++i)
-    it.free_forces[i] += step.springs[i] * (moved[i] - step.spring_origin[i]);
+    it.free_forces[i] += is_load[i] ? 0.0 : spring_force(i);
   it.interfaces
       = evaluate(coupling, step, state, bodies.local_displacements(), moved, z);
   it.residual = it.free_forces;
   for (std::size_t i = 0; i < n; ++i)
     it.residual[i] += it.interfaces.force[i];
   bodies.reduce_forces(it.residual);
+  // Springs of loaded tools act on the unknowns
+  for (std::size_t i = 0; i < step.springs.size(); ++i)
+    it.residual[i] += is_load[i] ? spring_force(i) : 0.0;
   std::vector<double> at_work = it.interfaces.force;
-  std::vector<std::int8_t> is_load(n, 0);
-  for (std::int32_t dof : bodies.tool_dofs())
-    is_load[dof] = 1;
   const std::vector<double> prescribed = bodies.prescribed_values();
   for (std::int32_t dof : coupling.fixed_dofs)
   {

@@ -167,13 +167,17 @@ std::string messages::not_begun(SNESConvergedReason reason)
 //-----------------------------------------------------------------------------
 std::string messages::stabilised(const Stabilisation& springs)
 {
-  return "The springs that stabilise carry "
-         + number(100 * springs.force, "%.2g")
-         + " % of the forces at work at the end of the step, and "
-         + number(100 * springs.energy_share, "%.2g")
-         + " % of the work: nothing else holds a body against its loads, or it "
-           "slides away. Hold it by Dirichlet conditions, a tie or friction; "
-           "the state is as before the step.";
+  const std::string shares
+      = std::isinf(springs.force)
+            ? "all of the loads at the end of the step"
+            : number(100 * springs.force, "%.2g")
+                  + " % of the forces at work at the end of the step, and "
+                  + number(100 * springs.energy_share, "%.2g")
+                  + " % of the work";
+  return "The springs that stabilise carry " + shares
+         + ": nothing else holds a body against its loads, or it slides away. "
+           "Hold it by Dirichlet conditions, a tie or friction; the state is "
+           "as before the step.";
 }
 //-----------------------------------------------------------------------------
 std::string messages::with_springs(double stage)
@@ -183,4 +187,10 @@ std::string messages::with_springs(double stage)
          + number(stage)
          + " times their stiffness: nothing else holds a body against its "
            "loads, or it slides away.";
+}
+//-----------------------------------------------------------------------------
+std::string messages::stiffer_springs()
+{
+  return " This was with the stiffest springs of stabilise: what moves too far "
+         "with them wants stiffer ones, ten times or a hundred times so.";
 }

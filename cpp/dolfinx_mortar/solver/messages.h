@@ -37,6 +37,9 @@ std::string stabilised(const Stabilisation& springs);
 /// @param[in] stage Factor of the springs with which it did not.
 std::string with_springs(double stage);
 
+/// What is added to an error of a solve that fails with the first springs.
+std::string stiffer_springs();
+
 /// Beginning of a sentence, without its full stop.
 std::string infinite_force(const std::array<double, 3>& x);
 std::string infinite(const Infinite& what);

@@ -328,7 +328,7 @@ ContactProblem::solve_stabilised(State& state, Step& step,
                         _bodies.local_displacements(), _bodies.extend(state.u),
                         state);
     }
-    step.spring_origin = u;
+    step.spring_origin.assign(x.begin(), x.begin() + u.size());
     step.springs = springs;
     for (double& k : step.springs)
       k *= stage * _options.stabilise;
@@ -345,14 +345,15 @@ ContactProblem::solve_stabilised(State& state, Step& step,
     }
     catch (const ConvergenceError& error)
     {
-      throw ConvergenceError(solution
-                                 ? error.what() + messages::with_springs(stage)
-                                 : error.what());
+      throw ConvergenceError(error.what()
+                             + (solution ? messages::with_springs(stage)
+                                         : messages::stiffer_springs()));
     }
     _num_iterations += _newton->num_iterations();
     from = concatenate(_bodies.unknowns(), solution->z);
     step.forced.clear();
-    _stabilisation = measure_stabilisation(_coupling, step, *solution);
+    _stabilisation = measure_stabilisation(_coupling, step, *solution,
+                                           std::span(from).first(u.size()));
   }
   step.springs.clear();
   step.spring_origin.clear();

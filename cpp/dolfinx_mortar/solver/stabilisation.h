@@ -30,19 +30,26 @@ constexpr double stabilisation_stages[]
     = {1, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6};
 
 /// @brief Springs at the nodes of bodies that neither Dirichlet conditions nor
-/// ties hold, of the stiffness of the nodes themselves; zero at other nodes.
-/// Collective.
+/// ties hold, of the stiffness of the nodes themselves, and at the unknowns of
+/// loaded tools, of the stiffness of the slave nodes that they may meet; zero
+/// at others. Collective.
+///
+/// Of the twelve dofs of the frame of such a tool the last six, which are not
+/// unknowns, have springs too: the tangent tells which motions are resisted.
 /// @param[in] coupling Interfaces.
 /// @param[in] u Owned displacements.
 /// @param[in] stiffness Diagonal of the tangent.
-/// @throw std::invalid_argument On all ranks, where all bodies are held.
 std::vector<double> create_springs(const Coupling& coupling,
                                    std::span<const double> u,
                                    std::span<const double> stiffness);
 
 /// @brief Measure what the springs of a step do in a solution. Collective.
+/// @param[in] coupling,step,solution Interfaces, and what follows from
+/// unknowns.
+/// @param[in] unknowns Owned unknowns, see Bodies::unknowns.
 Stabilisation measure_stabilisation(const Coupling& coupling, const Step& step,
-                                    const Evaluation& solution);
+                                    const Evaluation& solution,
+                                    std::span<const double> unknowns);
 
 /// @brief Refuse to stabilise where there is nothing to. Collective.
 /// @throw std::invalid_argument See create_springs.
