@@ -9,8 +9,8 @@
 # # A hemisphere on a rigid plane: frictionless contact and Hertz's solution
 #
 # A soft hemisphere is pressed onto a rigid plane by a pressure on its flat top. For small strains
-# Hertz gave the contact pressure in closed form. We refine towards the pole and compare; this is
-# the second example (section 6.2) of
+# Hertz gave the contact pressure in closed form. The mesh is refined towards the pole, and what is
+# computed is compared with it. This is the second example (section 6.2) of
 #
 # > A. Popp, B. I. Wohlmuth, M. W. Gee, W. A. Wall: *Dual quadratic mortar finite element methods
 # > for 3D finite deformation contact*, SIAM J. Sci. Comput. 34 (2012), B421-B446.
@@ -290,10 +290,11 @@ def hemisphere(element, a, n, layers, growth, full=False):
 #
 # The curved surface near the pole is the slave, the plane the master. For the small strains of the
 # linear material `geometry="reference"` keeps mortar integrals and normals of the undeformed
-# bodies; among the two surfaces' normals, which differ by $r / R$, we choose the plane's.
+# bodies; of the two surfaces' normals, which differ by $r / R$, the plane's are taken.
 #
-# The hemisphere is held by contact alone: with an empty active set it would be loose. We start
-# with the nodes inside of Hertz's radius; the default, those nearest to the plane, would do too.
+# The hemisphere is held by contact alone: with an empty active set it would be loose. The first
+# active set has the nodes inside of Hertz's radius; the default, those nearest to the plane, would
+# do as well.
 #
 # Multipliers at all nodes (`dual`) resolve a pressure that varies within few cells best, and the
 # plane is no coarse curved master, with which they would do badly; see the comparison below.
@@ -545,10 +546,10 @@ def run(options):
 # | dual | 0.650 | 19.9 | 10.8 | 31.4 | 20.7 |
 # | | 0.325 | 9.5 | 5.3 | 16.1 | 10.3 |
 # | | 0.217 | 6.9 | 5.4 | 10.1 | 7.0 |
-# | dual-linear | 0.650 | 30.0 | 16.4 | 30.0 | 16.4 |
+# | dual-linear | 0.650 | 30.0 | 16.3 | 30.0 | 16.4 |
 # | | 0.325 | 15.7 | 8.9 | 15.7 | 8.9 |
-# | | 0.217 | 9.3 | 5.1 | 9.3 | 5.1 |
-# | dual-reproducing | 0.650 | 28.3 | 28.9 | 32.8 | 25.7 |
+# | | 0.217 | 9.2 | 5.1 | 9.3 | 5.1 |
+# | dual-reproducing | 0.650 | 28.2 | 28.9 | 32.8 | 25.7 |
 # | | 0.325 | 14.5 | 21.0 | 15.3 | 11.0 |
 # | | 0.217 | 7.7 | 10.9 | 10.8 | 9.0 |
 # | standard | 0.650 | 27.5 | 25.7 | 33.7 | 25.7 |

@@ -61,12 +61,12 @@ def say(text):
 # the length 0.11, the lower body (master) 0.13, 0.17 and 0.17. Between them is a gap of 0.01, and
 # the upper body is 0.02 off the middle of the lower one, in negative $y$ direction.
 #
-# We have no drawing of the problem, only its description. We read it as an upper shell that is
-# open to the top, like a U, above a lower shell that is open to the bottom, like an arch: their
-# crowns face each other with the gap between them. The plane end faces at the ends of U and arch
-# are then the surfaces "right" and "left" (positive and negative $x$) of the description: A, C of
-# the lower body and B, D of the upper one. So each body rests on its two ends, and what the crowns
-# carry goes into them; the reactions are checked against the contact force below.
+# The paper has no drawing of the problem, only a description. It is read here as an upper shell
+# that is open to the top, like a U, above a lower shell that is open to the bottom, like an arch:
+# their crowns face each other with the gap between them. The plane end faces of U and arch are then
+# the surfaces "right" and "left" (positive and negative $x$) of the description: A, C of the lower
+# body and B, D of the upper one. So each body rests on its two ends, and what the crowns carry goes
+# into them; the reactions are checked against the contact force below.
 
 # +
 STEPS = 80

@@ -10,8 +10,8 @@
 #
 # A beam is cut in two by a curved surface. The two bodies are meshed separately, so that no node
 # of one meets a node of the other, and are tied by a mortar method. Pure bending has a quadratic
-# solution in closed form; with it we measure how the error falls when both meshes are refined.
-# This is the first example (section 6.1) of
+# solution in closed form, which tells how the error falls when both meshes are refined. This is
+# the first example (section 6.1) of
 #
 # > A. Popp, B. I. Wohlmuth, M. W. Gee, W. A. Wall: *Dual quadratic mortar finite element methods
 # > for 3D finite deformation contact*, SIAM J. Sci. Comput. 34 (2012), B421-B446.
@@ -93,7 +93,7 @@ def sigma(u):
 #
 # The right body is a row of two blocks, so that there are nodes on the plane $x = 0$, where the
 # beam is supported. Away from the cut second-order cells have straight edges and contain the exact
-# solution: few of them are enough at the right end, and we may expect more than second order.
+# solution: few of them are enough at the right end, and more than second order may be expected.
 #
 # The *plane* cut is tilted, but for hex20, whose functions are all quadratic ones in boxes only.
 # All second-order cells then contain the exact solution, so what error is left is the coupling's

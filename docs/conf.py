@@ -26,7 +26,8 @@ extensions = [
     "headers",
     "tables",
 ]
-exclude_patterns = ["gallery/README.md"]
+# Parts of pages, not pages
+exclude_patterns = ["gallery/*.md"]
 nitpicky = True
 # What others document, and what is not part of the interface
 nitpick_ignore_regex = [

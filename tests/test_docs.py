@@ -167,6 +167,20 @@ def test_directories_of_pictures():
         assert os.path.getsize(path) < 1_000_000, path
 
 
+def test_versions():
+    """All copies of the version are that of CMake, and the citation has the release's date."""
+
+    def found(file, pattern):
+        return re.search(pattern, (ROOT / file).read_text(), re.MULTILINE).groups()
+
+    version = found("CMakeLists.txt", r"^  VERSION (\d+\.\d+\.\d+)$")
+    assert found("packaging/conda/recipe.yaml", r'^  version: "(.*)"$') == version
+    assert found(".github/ISSUE_TEMPLATE/bug.yml", r"dolfinx_mortar (\d\S*),") == version
+    newest = found("CHANGELOG.md", r"^## (\d\S*) - (\d{4}-\d\d-\d\d)$")
+    assert newest[:1] == version
+    assert found("CITATION.cff", r"^version: (.*)\ndate-released: (.*)$") == newest
+
+
 def without_code(text):
     """Text without blocks of code, fenced or indented, and without code in back quotes."""
     text = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)

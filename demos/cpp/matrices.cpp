@@ -4,9 +4,9 @@
 //   mpirun -n 2 build/matrices
 //
 // A block of hexahedra stands on a larger one of tetrahedra. The two meshes are
-// separate DOLFINx meshes, with a displacement space of degree 2 on each. We
-// ask for D and M (equations 3.5 and 3.6 of the paper) as PETSc matrices, and
-// look at what every pair of mortar matrices has to fulfil.
+// separate DOLFINx meshes, with a displacement space of degree 2 on each. D and
+// M (equations 3.5 and 3.6 of the paper) are made as PETSc matrices, and checked
+// against what every pair of mortar matrices has to fulfil.
 
 #include <basix/finite-element.h>
 #include <cmath>
