@@ -404,11 +404,14 @@ void wrap_problem(nb::module_& m)
   wrap_relocation(m);
   m.def(
       "effective_options",
-      [](const std::string& prefix, const Options& options, std::int64_t size)
-      { return SolverOptions(prefix, options, false, size).effective(); },
-      nb::arg("prefix"), nb::arg("options"), nb::arg("size") = 0,
-      "Names and values of the PETSc options that count, for a number of "
-      "displacement dofs.");
+      [](const std::string& prefix, const Options& options, bool large)
+      {
+        return SolverOptions(prefix, options, false, [large] { return large; })
+            .effective();
+      },
+      nb::arg("prefix"), nb::arg("options"), nb::arg("large") = false,
+      "Names and values of the PETSc options that count, for a model that is "
+      "large for a direct solver or not.");
   m.def("is_overloaded", &friction_is_overloaded, nb::arg("problem"),
         "Whether friction cannot balance the present loads. Collective.");
   m.def("describe_barely_covered", &describe_barely_covered, nb::arg("problem"),

@@ -2,19 +2,24 @@
 # SPDX-License-Identifier: MIT
 """The condensed system gives the steps of the saddle point, whatever solves it."""
 
+from mpi4py import MPI
 from petsc4py import PETSc
 
 import cases
 import dolfinx_mortar as dm
 import numpy as np
 import pytest
+import ufl
 from blocks import NU, E
 from corner import corner
+from dolfinx import fem
+from dolfinx.mesh import CellType, create_unit_cube, locate_entities_boundary, meshtags
 from dolfinx_mortar import cpp
 from nodal import by_position
 from pressed import pressed
 from timers import counted
 
+comm = MPI.COMM_WORLD
 SET_UP = "~mortar: set up"
 SADDLE = {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
 ITERATIVE = ("gamg", "cholesky", "bjacobi")
@@ -105,14 +110,32 @@ def test_inexact_steps_end_at_the_same_solution(name, preconditioner):
 
 def test_solver_by_size():
     """Multigrid where a model is large and no solver is given, else what is given."""
-    for size, given, pc in (
-        (10_000, {}, "lu"),
-        (200_000, {}, "gamg"),
-        (200_000, {"pc_type": "lu"}, "lu"),
-        (200_000, {"ksp_type": "preonly"}, "lu"),
-        (10_000, {"pc_type": "gamg"}, "gamg"),
+    for large, given, pc in (
+        (False, {}, "lu"),
+        (True, {}, "gamg"),
+        (True, {"pc_type": "lu"}, "lu"),
+        (True, {"ksp_type": "preonly"}, "lu"),
+        (False, {"pc_type": "gamg"}, "gamg"),
     ):
-        assert cpp.effective_options("sized_", given, size)["sized_pc_type"] == pc
+        assert cpp.effective_options("sized_", given, large)["sized_pc_type"] == pc
+
+
+@pytest.mark.parametrize("cells, kind", [((15, 15, 15), "gamg"), ((40, 40, 2), "lu")])
+def test_solver_by_shape(cells, kind):
+    """A cube has multigrid; a plate of as many displacements is factorised with less work."""
+    mesh = create_unit_cube(comm, *cells, CellType.hexahedron)
+    V = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    assert V.dofmap.index_map.size_global * 3 > 80_000
+    u = fem.Function(V)
+    F = ufl.inner(ufl.grad(u), ufl.grad(ufl.TestFunction(V))) * ufl.dx
+    mesh.topology.create_connectivity(2, 3)
+    facets = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0))
+    tags = meshtags(mesh, 2, facets, np.full(len(facets), 1, np.int32))
+    tool = dm.RigidPlane((0, 0, 0), (0, 0, 1))
+    contact = dm.Contact(V, tags, slave=1, master=tool)
+    problem = dm.ContactProblem(F, u, interfaces=[contact])
+    ksp = problem._cpp_object.ksp
+    assert (ksp.getType() == "preonly") == (kind == "lu")
 
 
 def test_options_reach_nested_solvers_and_nothing_else():

@@ -43,8 +43,9 @@ class ContactProblem(memory.Destroyable):
         petsc_options_prefix: Prefix of PETSc options.
         petsc_options: PETSc options without the prefix: ``snes_*`` for Newton's iteration,
             ``ksp_*`` and ``pc_*`` for the condensed (or saddle point) system. Defaults: full
-            Newton steps, and a sparse direct solver, or multigrid above 50 000 displacements. They
-            are in PETSc's database only while the problem is made and solved.
+            Newton steps, and a sparse direct solver, or multigrid for large models (above 50 000
+            displacements, where these are not thin). They are in PETSc's database only while the
+            problem is made and solved.
         condense: Condense the multipliers (default where all are dual); False keeps a saddle
             point.
         stabilise: Weak springs for bodies that nothing holds but contact, at their nodes, and for

@@ -88,6 +88,10 @@ create_surface(const Layout& layout,
 Surface create_tool_surface(std::span<const TaggedFacets> parts,
                             std::int32_t frame);
 
+/// @brief Zeros where the tangent of a body has blocks of 3 x 3: a row for each
+/// block. Collective.
+Matrix create_block_graph(MPI_Comm comm, const Body& body);
+
 /// @brief Forms, displacements and Dirichlet conditions of the bodies of a
 /// problem, and the rigid tools, without what happens between them.
 class Bodies

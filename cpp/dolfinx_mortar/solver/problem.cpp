@@ -4,6 +4,7 @@
 #include "problem.h"
 #include "checks.h"
 #include "convergence_error.h"
+#include "factorisation_work.h"
 #include "messages.h"
 #include <algorithm>
 #include <cmath>
@@ -166,17 +167,15 @@ ContactProblem::ContactProblem(
   if (_options.stabilise > 0)
     check_loose(_coupling);
   const bool condense = choose_condensation(_options.condense, _coupling);
-  const std::int64_t size = sum(
-      _coupling.comm(), static_cast<std::int64_t>(_coupling.layout.size()));
   SolverOptions solver(_options.petsc_options_prefix, _options.petsc_options,
-                       !condense, size);
+                       !condense, [this] { return is_large(_bodies); });
   int rank;
   MPI_Comm_rank(_coupling.comm(), &rank);
   if (rank == 0 and solver.is_multigrid_by_size())
   {
-    log_info("Linear systems of " + std::to_string(size)
-             + " displacements are solved by GMRES with algebraic multigrid; "
-               "petsc_options={\"pc_type\": \"lu\"} is the direct solver.");
+    log_info("Linear systems of a model of this size and shape are solved by "
+             "GMRES with algebraic multigrid; "
+             "petsc_options={\"pc_type\": \"lu\"} is the direct solver.");
   }
   _newton = std::make_unique<Newton>(_bodies, _coupling, std::move(solver),
                                      condense, _options.poll);

@@ -143,13 +143,14 @@ std::string meant(std::string name)
 
 //-----------------------------------------------------------------------------
 SolverOptions::SolverOptions(std::string prefix, Options given,
-                             bool saddle_point, std::int64_t size)
+                             bool saddle_point,
+                             const std::function<bool()>& is_large)
     : _prefix(std::move(prefix)), _given(std::move(given))
 {
   auto pc = chosen("pc_type");
   const auto ksp = chosen("ksp_type");
   Options defaults = newton;
-  if (!pc and !ksp and !saddle_point and size > largest_direct)
+  if (!pc and !ksp and !saddle_point and is_large and is_large())
   {
     _multigrid_by_size = true;
     pc = defaults["pc_type"] = "gamg";

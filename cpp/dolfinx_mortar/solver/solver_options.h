@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <mpi.h>
 #include <optional>
@@ -26,16 +27,24 @@ public:
   /// @throw std::invalid_argument An option cannot work with interfaces.
   /// @param[in] saddle_point The system is one: a factorisation puts off many
   /// pivots, all the more on several ranks, and needs more memory than planned.
-  /// @param[in] size Number of displacement dofs of all ranks. Where no solver
-  /// is given, it is a direct one up to `largest_direct` of them, and multigrid
-  /// for more, but for saddle points.
+  /// @param[in] is_large Whether the model is large for a direct solver, which
+  /// is the default else, and for saddle points; multigrid is the default for
+  /// large ones. Asked, on all ranks, where no solver is given.
   SolverOptions(std::string prefix, std::map<std::string, std::string> given,
-                bool saddle_point = false, std::int64_t size = 0);
+                bool saddle_point = false,
+                const std::function<bool()>& is_large = {});
 
-  /// At 17 000 dofs multigrid takes the time of a factorisation, at 38 000 0.7
-  /// of it, and a third of the memory; up to here what fails least costs little
-  /// more
-  static constexpr std::int64_t largest_direct = 50000;
+  /// Displacement dofs up to which no model is large. At 17 000 of a compact
+  /// one multigrid takes the time of a factorisation, at 38 000 0.7 of it, and
+  /// a third of the memory; up to here what fails least costs little more
+  static constexpr std::int64_t never_large = 50000;
+
+  /// Displacement dofs above which every model is large
+  static constexpr std::int64_t always_large = 500000;
+
+  /// Operations of a factorisation from which on a model between these is
+  /// large: those of a cube of 60 000 dofs, a third of those of 73 000
+  static constexpr double largest_work = 2e11;
 
   /// True where multigrid has been chosen for the size
   bool is_multigrid_by_size() const { return _multigrid_by_size; }
