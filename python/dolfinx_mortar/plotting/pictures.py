@@ -162,8 +162,8 @@ def _draw(
     plotter.reset_camera()
     plotter.camera.zoom(1.25 * zoom)
     # In the middle of what title and colour bar leave
-    beside, below = 0.1 * any(_SHOWN in f.point_data.keys() for f, _ in surfaces), 0.06 * bool(title)
-    plotter.camera.SetWindowCenter(beside, below)
+    bar = any(_SHOWN in faces.point_data.keys() for faces, _ in surfaces)
+    plotter.camera.SetWindowCenter(0.1 * bar, 0.06 * bool(title))
     plotter.screenshot(str(path))
     plotter.close()
 
