@@ -224,6 +224,7 @@ def draw(out, u, steps):
         clim=(0.0, 4.0),
         cmap="YlOrRd",
         view=(-0.5, -1.6, 0.4),
+        zoom=0.95,
         title=f"Compression {1 - height:.3f}",
         size=(900, 700),
     )
