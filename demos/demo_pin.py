@@ -453,7 +453,7 @@ def show(out, u, contact):
         parts,
         "stress",
         label="von Mises [MPa]",
-        clim=(0.0, 160.0),
+        clim=(0.0, 180.0),
         view=(0, 0, 1),
         up=(0, 1, 0),
         zoom=1.1,
