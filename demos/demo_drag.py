@@ -414,7 +414,7 @@ class Show:
             clim=(-1.2, 1.2),
             cmap="RdBu",
             view=(0.35, -1.5, 0.8),
-            zoom=1.0,
+            zoom=1.12,
             size=(1200, 640),
         )
         fig = plt.figure(figsize=(14.4, 5.2), dpi=75)
