@@ -379,7 +379,7 @@ def draw(path, j, factor=10):
         label="von Mises [MPa]",
         clim=(0.0, 500.0),
         view=(0.25, -2.0, 0.7),
-        zoom=1.35,
+        zoom=1.45,
         size=(2000, 900),
         title=f"The joint in bearing, displacement and clearance {factor} times enlarged",
     )

@@ -389,7 +389,7 @@ def solve(
 #
 # The nodal multiplier is the contact pressure. The contact radius is the mean of the largest
 # deformed radius of a node in contact and the smallest one of an open node; nodes are half a facet
-# apart. The side of the uniform cube is 1.26 times Hertz's radius.
+# apart.
 #
 # With dual functions a nodal value is the average of the pressure around the node, weighted by the
 # node's own transformed function: wide at corners, narrow at edges. So nodes at the same radius
@@ -398,6 +398,7 @@ def solve(
 # alone, linear in between: it is smooth, and for this pressure less accurate.
 
 # +
+CUBE = 1.26  # side of the uniform cube over Hertz's radius
 results, curves = [], {}
 
 
@@ -417,7 +418,7 @@ def grading(h, layers, size):
 
 def levelled_mesh(element, p, level, full):
     """Mesh of a level: 2, 4, 6 ... cells along the fine cube; h at the pole."""
-    a = 1.26 * hertz(p)[1]
+    a = CUBE * hertz(p)[1]
     n, layers = 2 * (level + 1), 3 * (level + 1)
     growth = grading(a / 2, 3, 2 * R - a) ** (1 / (level + 1))
     return *hemisphere(element, a, n, layers, growth, full), a / n
@@ -657,16 +658,17 @@ MARKERS = {"hex20": "o", "hex8": "s", "hex27": "D", "tet10": "^"}
 
 def show(u, contact, p, options):
     """The deformed body: pressure at the pole, and the whole."""
-    pressure = contact.pressure
+    pressure, domain = contact.pressure, u.function_space.mesh
     with Writer(options.out / "displacement.bp", [u, contact.traction]) as file:
         file.write(0.0)
     with Writer(options.out / "contact.bp", [pressure, contact.gap, contact.status]) as file:
         file.write(0.0)
-    body = surface(u.function_space.mesh, {"p": pressure}, displacement=u, where=lambda x: x[2] > 0)
-    slave = contact.slave[0]
-    cap = surface(
-        u.function_space.mesh, {"p": pressure}, displacement=u, facets=slave.tags.find(slave.tag)
-    )
+    body = surface(domain, {"p": pressure}, displacement=u, where=lambda x: x[2] > 0)
+    # The square of equal facets around the pole
+    facets = contact.slave[0].tags.find(CAP)
+    middle = mesh.compute_midpoints(domain, 2, facets)
+    pole = np.abs(middle[:, :2]).max(axis=1) < CUBE * hertz(p)[1]
+    cap = surface(domain, {"p": pressure}, displacement=u, facets=facets[pole])
     look = {
         "label": "contact pressure",
         "clim": (0.0, results[-1]["lambda_max"]),
@@ -688,7 +690,7 @@ def show(u, contact, p, options):
         title=f"Contact zone from below, p = {p:g}",
         view=(0, 0, -1),
         up=(0, 1, 0),
-        zoom=0.75,
+        zoom=0.9,
         **look,
     )
 

@@ -26,7 +26,7 @@ import dolfinx_mortar as dm
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem
-from dolfinx_mortar.plotting import Writer, picture, surface
+from dolfinx_mortar.plotting import Surface, Writer, picture, surface
 
 try:
     from dolfinx.io import gmsh as gmsh_reader
@@ -403,7 +403,7 @@ def run(options):
     for file in files:
         file.close()
     say("\n" + p.report())
-    show(options.out, p.u)
+    show(options.out, p.u, p.interfaces[0])
     if comm.rank == 0:
         curves(options.out / "profiles.png", results)
         (options.out / "results.json").write_text(json.dumps(results, indent=1))
@@ -416,7 +416,8 @@ def run(options):
 #
 # The equivalent stress (von Mises) of both bodies below the largest load, and the pressure of all
 # loads over the angle, with Hertz's for comparison. Where displacements are enlarged, so must be
-# the clearance, or the bodies would seem to overlap.
+# the clearance, or the bodies would seem to overlap. The picture is mirrored, and shows a
+# rectangle of the plate; lines are the outlines of hole and pin.
 
 
 # +
@@ -432,30 +433,30 @@ def von_mises(u):
     return value
 
 
-def show(out, u):
+def show(out, u, contact):
     factor, parts = 50, []
-    for w, shrink in zip(u, ((factor - 1) * CLEARANCE / R, 0.0)):
+    sides = (contact.slave[0], (factor - 1) * CLEARANCE / R), (contact.master[0], 0.0)
+    for w, (side, shrink) in zip(u, sides):
         V = w.function_space
         shown = fem.Function(V)
         x = V.tabulate_dof_coordinates() * (1, 1, 0)
         shown.x.array[:] = factor * w.x.array - shrink * x.ravel()
-        parts.append(
-            surface(
-                V.mesh,
-                {"stress": von_mises(w)},
-                displacement=shown,
-                where=lambda x: np.hypot(x[0], x[1]) < 2 * R,
-            )
-        )
+        body = surface(V.mesh, {"stress": von_mises(w)}, displacement=shown)
+        circle = surface(V.mesh, displacement=shown, facets=side.tags.find(CONTACT))
+        if comm.rank == 0:
+            faces = body.faces.clip("x", (1.9 * R, 0, 0))
+            faces = faces.clip("y", (0, 1.2 * R, 0)).clip("-y", (0, -2 * R, 0))
+            half = Surface(faces, circle.edges)
+            parts += [half, Surface(*(mesh.reflect((1, 0, 0)) for mesh in half))]
     picture(
         out / "pin.png",
         parts,
         "stress",
         label="von Mises [MPa]",
-        clim=(0.0, 160.0),
+        clim=(0.0, 180.0),
         view=(0, 0, 1),
         up=(0, 1, 0),
-        zoom=0.72,
+        zoom=1.1,
         title=f"Pin and plate, displacement and clearance {factor} times enlarged",
     )
 

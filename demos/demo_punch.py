@@ -122,6 +122,9 @@ def punch(n):
 
 
 # +
+MATERIALS = (10.0, 0.3), (5.0, 0.3)  # E, nu of punch and block
+
+
 def internal_forces(u, E, nu):
     lmbda, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
     F = ufl.Identity(3) + ufl.grad(u)
@@ -149,7 +152,7 @@ def run(options):
     ]
     contact = dm.Contact(spaces, tags, slave=SLAVE, master=MASTER)
     problem = dm.ContactProblem(
-        [internal_forces(u[0], 10.0, 0.3), internal_forces(u[1], 5.0, 0.3)],
+        [internal_forces(w, *material) for w, material in zip(u, MATERIALS)],
         u,
         bcs=bcs,
         interfaces=[contact],
@@ -201,23 +204,45 @@ def run(options):
 
 # ## Show
 #
-# The picture cuts both bodies in the plane $y = 0$, so that one looks into the contact.
+# The picture cuts both bodies in the plane $y = 0$, so that one looks into the contact. Colours are
+# the equivalent stress of the Cauchy stress $\sigma = (\mu (F F^T - I) + \lambda \ln J \, I) / J$.
 
 
 # +
+def von_mises(u, E, nu):
+    """Equivalent stress, linear in each cell."""
+    mu = E / (2 * (1 + nu))
+    F = ufl.Identity(3) + ufl.grad(u)
+    s = mu / ufl.det(F) * ufl.dev(F * F.T)
+    W = fem.functionspace(u.function_space.mesh, ("DG", 1))
+    points = W.element.interpolation_points
+    value = fem.Function(W, name="von_mises")
+    value.interpolate(
+        fem.Expression(ufl.sqrt(1.5 * ufl.inner(s, s)), points() if callable(points) else points)
+    )
+    return value
+
+
 def show(path, u, t):
     parts = [
-        surface(w.function_space.mesh, {"u": w}, displacement=w, where=lambda x: x[1] > 0)
-        for w in u
+        surface(
+            w.function_space.mesh,
+            {"stress": von_mises(w, *material)},
+            displacement=w,
+            where=lambda x: x[1] > 0,
+        )
+        for w, material in zip(u, MATERIALS)
     ]
     picture(
         path,
         parts,
-        "u",
-        label="|u|",
-        clim=(0, 1.15),
+        "stress",
+        label="von Mises",
+        clim=(0, 2.5),
+        cmap="YlOrRd",
         title=f"t = {t:.2f}",
         view=(0.4, -2.0, 0.8),
+        zoom=1.05,
     )
 
 

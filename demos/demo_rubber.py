@@ -26,7 +26,7 @@ import dolfinx_mortar as dm
 import numpy as np
 import ufl
 from dolfinx import default_scalar_type, fem, mesh
-from dolfinx_mortar.plotting import Writer, gif, picture, surface
+from dolfinx_mortar.plotting import Surface, Writer, gif, picture, surface
 
 try:
     from dolfinx.io import gmsh as gmsh_reader
@@ -172,7 +172,7 @@ def run(options):
                     "newton_iterations": len(p.history) - 1,
                 }
             )
-            frames.append(draw(options.out, u, contact, len(steps)))
+            frames.append(draw(options.out, u, steps))
     worst = max(abs(s["press"][2] / s["force"][2] + 1) for s in steps)
     say("\n" + p.report())
     say(f"\nThe press carries the contact force to {worst:.1e}")
@@ -192,20 +192,40 @@ def on_the_plate(u, contact):
     return comm.allreduce(float(x[lies, 2].max(initial=0.0)), op=MPI.MAX)
 
 
-def draw(out, u, contact, number):
-    """The deformed quarter, coloured by the contact pressure."""
-    body = surface(u.function_space.mesh, {"p": contact.recovered_pressure}, displacement=u)
+def von_mises(u, G):
+    """Equivalent of Cauchy's stress, linear in each cell."""
+    F = ufl.Identity(3) + ufl.grad(u)
+    s = G * ufl.det(F) ** (-5 / 3) * ufl.dev(F * F.T)
+    W = fem.functionspace(u.function_space.mesh, ("DG", 1))
+    points = W.element.interpolation_points
+    value = fem.Function(W, name="von_mises")
+    value.interpolate(
+        fem.Expression(ufl.sqrt(1.5 * ufl.inner(s, s)), points() if callable(points) else points)
+    )
+    return value
+
+
+def draw(out, u, steps):
+    """The deformed quarter, coloured by its equivalent stress, between plate and press."""
+    height = 1 - steps[-1]["compression"]
+    parts = [surface(u.function_space.mesh, {"stress": von_mises(u, 1.0)}, displacement=u)]
+    if comm.rank == 0:
+        import pyvista as pv
+
+        plate, press = (-0.2, 1.5, -0.2, 1.5, -0.12, 0), (0, 1, 0, 1, height, height + 0.12)
+        parts += [Surface(box, box.extract_all_edges()) for box in map(pv.Box, (plate, press))]
     (out / "frames").mkdir(exist_ok=True)
-    path = out / "frames" / f"{number:03}.png"
+    path = out / "frames" / f"{len(steps):03}.png"
     picture(
         path,
-        [body],
-        "p",
-        label="pressure",
-        clim=(0.0, 8.0),
-        view=(1.3, 0.9, -0.8),
-        zoom=0.8,
-        title=f"Compression {0.025 * number:.3f}",
+        parts,
+        "stress",
+        label="von Mises",
+        clim=(0.0, 4.0),
+        cmap="YlOrRd",
+        view=(-0.5, -1.6, 0.4),
+        zoom=0.95,
+        title=f"Compression {1 - height:.3f}",
         size=(900, 700),
     )
     return path

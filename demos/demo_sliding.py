@@ -339,7 +339,7 @@ class Show:
                 label="u_z",
                 clim=(-0.12, 0.0),
                 view=VIEW,
-                zoom=0.88,
+                zoom=0.85,
                 title=f"{self.title}, step {step}",
                 size=(900, 800),
             )
@@ -398,7 +398,9 @@ def draw(out, runs, shows):
                 name,
                 label=f"{name}\ntraction" if name == "tangential" else name,
                 clim=(0.0, top or 1.0),
+                cmap="YlOrRd",
                 view=(0.5, -1.0, -1.4),
+                zoom=0.85,
                 title=f"{show.title}, step {options.stop}",
                 size=(1000, 700),
             )

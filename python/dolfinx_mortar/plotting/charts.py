@@ -53,8 +53,8 @@ def convergence_plot(
         axis.grid(True, which="both", alpha=0.25)
         axis.legend(
             title="(order between the two finest)",
-            fontsize=8,
-            title_fontsize=8,
+            fontsize=9,
+            title_fontsize=9,
             ncols=2,
             loc="upper center",
             bbox_to_anchor=(0.5, -0.12),
@@ -86,5 +86,5 @@ def _slope_triangles(
         left, right = 1.15 * left, 1.15 * left * (right / left) ** 0.75
         high = low * (right / left) ** slope
         axis.plot([left, right, right, left], [low, low, high, low], color="0.4", linewidth=1)
-        axis.text(np.sqrt(left * right), low * 0.93, "1", ha="center", va="top", fontsize=8)
-        axis.text(right * 1.04, np.sqrt(low * high), f"{slope:g}", va="center", fontsize=8)
+        axis.text(np.sqrt(left * right), low * 0.93, "1", ha="center", va="top", fontsize=9)
+        axis.text(right * 1.04, np.sqrt(low * high), f"{slope:g}", va="center", fontsize=9)

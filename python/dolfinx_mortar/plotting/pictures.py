@@ -146,7 +146,10 @@ def _draw(
         coloured = _SHOWN in faces.point_data.keys()
         kind = {"scalars": _SHOWN, **colours} if coloured else {"color": "lightgrey"}
         look = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.75}
-        plotter.add_mesh(faces, show_scalar_bar=coloured, **kind, **look)
+        mapper = plotter.add_mesh(faces, show_scalar_bar=coloured, **kind, **look).mapper
+        # A little behind the lines that lie on them, or the lines would be broken
+        mapper.SetResolveCoincidentTopologyToPolygonOffset()
+        mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(1.0, 4.0)
         if edges:
             plotter.add_mesh(lines, color="black", line_width=1.5)
     if title:
@@ -158,6 +161,9 @@ def _draw(
     plotter.camera.up = up
     plotter.reset_camera()
     plotter.camera.zoom(1.25 * zoom)
+    # In the middle of what title and colour bar leave
+    bar = any(_SHOWN in faces.point_data.keys() for faces, _ in surfaces)
+    plotter.camera.SetWindowCenter(0.1 * bar, 0.06 * bool(title))
     plotter.screenshot(str(path))
     plotter.close()
 
