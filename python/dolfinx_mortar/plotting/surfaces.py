@@ -11,6 +11,7 @@ import basix
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
+from dolfinx.cpp.mesh import cell_num_entities
 from dolfinx.mesh import Mesh
 
 from .. import compat
@@ -77,8 +78,9 @@ def _boundary(mesh: Mesh, where: Callable | None) -> npt.NDArray[np.int32]:
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim, tdim - 1)
     num_cells = mesh.topology.index_map(tdim).size_local
+    per_cell = cell_num_entities(mesh.topology.cell_type, tdim - 1)
     cell_facets = mesh.topology.connectivity(tdim, tdim - 1).array
-    cell_facets = cell_facets.reshape(len(compat.geometry_dofmap(mesh)), -1)[:num_cells]
+    cell_facets = cell_facets.reshape(-1, per_cell)[:num_cells]
     chosen = np.ones(num_cells, dtype=bool)
     if where is not None:
         centres = mesh.geometry.x[compat.geometry_dofmap(mesh)[:num_cells]].mean(axis=1)
