@@ -156,8 +156,9 @@ def tag_faces(model):
 # The offset is one number in the definition of the contact. The shaft is the slave; its multipliers
 # are at the corners, the default of `tet10` on a curved master.
 #
-# Two meshes with the nominal radius are meant to touch, but leave small gaps and overlaps: `dm.adjust`
-# moves the nodes of the slave onto the master. Meshes that overlap are taken as they are.
+# Two meshes with the nominal radius are meant to touch, but leave small gaps and overlaps:
+# `dm.adjust` moves the nodes of the slave onto the master. Meshes that overlap are taken as they
+# are.
 
 
 # +
@@ -282,11 +283,11 @@ def run(options):
 # ## Show
 #
 # The pressure on the shaft, and the radial displacement of both bodies. What is left of the error
-# is shape: quadratic arcs of the coarser ring leave the circle by 5e-5 mm. Between half-spaces waves
-# of amplitude $a$ and length $\ell$ take pressures of $\pm \pi E^* a / \ell$: with half of that
-# deviation and the length of a cell 1.2 MPa, or 3.5 % of Lamé's pressure, whatever the interference
-# is. They are there where meshes overlap, and less where the slave has been moved onto the arcs; they
-# fall with the third power of the mesh size.
+# is shape: quadratic arcs of the coarser ring leave the circle by 5e-5 mm. Between half-spaces
+# waves of amplitude $a$ and length $\ell$ take pressures of $\pm \pi E^* a / \ell$: with half of
+# that deviation and the length of a cell 1.2 MPa, or 3.5 % of Lamé's pressure, whatever the
+# interference is. They are there where meshes overlap, and less where the slave has been moved onto
+# the arcs; they fall with the third power of the mesh size.
 #
 # The other way round, with a coarse shaft, the force loses about $\theta^2 / 10$, where $\theta$ is
 # the angle of a cell (0.37 % here), whatever the offset. Between the corners the directions of

@@ -450,7 +450,7 @@ def loaded_far_away(stabilise, force=20.0):
 
 
 def test_tool_that_springs_hold():
-    """With springs a plate meets the block though nothing holds it before; without, it turns away."""
+    """With springs a plate meets the block; without them nothing holds it on its way."""
     fails(loaded_far_away(None).problem.solve, "is not held", kind=dm.ConvergenceError)
     fails(
         loaded_far_away(1e-3).problem.solve,
