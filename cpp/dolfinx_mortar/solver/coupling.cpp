@@ -198,7 +198,8 @@ void check_candidates(const Coupling& c, const CoupledInterface& i)
         "No node of the slave surface (" + i.slave_name
         + ") can carry a contact traction: the displacements of all of them "
           "are prescribed, or they belong to other interfaces as well. Let the "
-          "other surface be the slave.");
+          "other surface be the slave, or tag facets of its own for each "
+          "interface.");
   }
 }
 
