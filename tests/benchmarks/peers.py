@@ -58,7 +58,7 @@ import demo_hertz as hertz
 
 LOAD = 0.2
 RAISED = 1e-6 * hertz.R  # the plane of CalculiX
-SOLVERS = {"direct": None, "multigrid": {"pc_type": "gamg"}}
+SOLVERS = {"direct": {"ksp_type": "preonly", "pc_type": "lu"}, "multigrid": {"pc_type": "gamg"}}
 TYPES = ("MORTAR", "PGMORTAR", "LINMORTAR", "PGLINMORTAR")
 
 # Corners of the faces S1 to S6, and DOLFINx's number of each corner of a hexahedron
