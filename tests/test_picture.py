@@ -41,3 +41,16 @@ def test_a_body_without_the_field_is_grey(tmp_path):
 def test_a_field_that_no_body_has(tmp_path):
     with pytest.raises(ValueError, match="'pressure'.*height"):
         plotting.picture(tmp_path / "a.png", [box(0.0, True)], "pressure")
+
+
+def test_one_body_of_a_mesh():
+    """Chosen cells have a boundary of their own, as those at chosen places; ranks may have none."""
+    comm = MPI.COMM_WORLD
+    domain = mesh.create_unit_cube(comm, 2, 2, 2, mesh.CellType.hexahedron)
+    local = np.arange(domain.topology.index_map(3).size_local, dtype=np.int32)
+    upper = local[mesh.compute_midpoints(domain, 3, local)[:, 2] > 0.5]
+    a = plotting.surface(domain, cells=upper, subdivisions=1)
+    b = plotting.surface(domain, where=lambda x: x[2] > 0.5, subdivisions=1)
+    if comm.rank == 0:
+        assert a.faces.n_cells == b.faces.n_cells == 2 * (2 * 4 + 4 * 2)
+        assert a.faces.points[:, 2].min() == pytest.approx(0.5)

@@ -73,7 +73,9 @@ def _lattice(
     )
 
 
-def _boundary(mesh: Mesh, where: Callable | None) -> npt.NDArray[np.int32]:
+def _boundary(
+    mesh: Mesh, where: Callable | None, cells: npt.NDArray[np.int32] | None
+) -> npt.NDArray[np.int32]:
     """Boundary facets of the chosen cells as pairs (cell, local facet), owned cells only."""
     tdim = mesh.topology.dim
     mesh.topology.create_connectivity(tdim, tdim - 1)
@@ -85,6 +87,8 @@ def _boundary(mesh: Mesh, where: Callable | None) -> npt.NDArray[np.int32]:
     if where is not None:
         centres = mesh.geometry.x[compat.geometry_dofmap(mesh)[:num_cells]].mean(axis=1)
         chosen = np.asarray(where(centres.T), dtype=bool)
+    if cells is not None:
+        chosen &= np.isin(np.arange(num_cells), cells)
 
     # The cell behind a facet may be on another rank.
     count = la.vector(mesh.topology.index_map(tdim - 1), 1, np.float64)
@@ -116,6 +120,7 @@ def surface(
     displacement: fem.Function | None = None,
     factor: float = 1.0,
     where: Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]] | None = None,
+    cells: npt.NDArray[np.int32] | None = None,
     facets: npt.NDArray[np.int32] | None = None,
     subdivisions: int | None = None,
 ) -> Surface | None:
@@ -129,6 +134,8 @@ def surface(
         factor: Its scale.
         where: Takes cell centres, shape ``(3, num_cells)``, and tells which cells to show; cuts
             open a body.
+        cells: Show these cells only (indices on this rank, such as ``cell_tags.find(1)``): one body
+            of several.
         facets: Show these facets only (indices on this rank, such as ``tags.find(3)``).
         subdivisions: Cuts per facet edge; by default 1 for straight facets and 4 for curved.
 
@@ -137,7 +144,7 @@ def surface(
     """
     fields = dict(fields or {})
     n = _subdivisions(mesh, displacement) if subdivisions is None else subdivisions
-    pairs = _boundary(mesh, where)
+    pairs = _boundary(mesh, where, cells)
     if facets is not None:
         local = mesh.topology.connectivity(mesh.topology.dim, mesh.topology.dim - 1)
         shown = np.array([local.links(cell)[i] for cell, i in pairs], np.int32)
@@ -146,12 +153,12 @@ def surface(
     pieces = []
     for i in range(len(basix.topology(mesh.basix_cell())[mesh.topology.dim - 1])):
         chosen = pairs[:, 1] == i
-        cells = pairs[chosen, 0]
+        owners = pairs[chosen, 0]
         lattice = _facet_lattice(mesh.basix_cell(), i, n)
-        x = _positions(mesh, cells, lattice.points)
+        x = _positions(mesh, owners, lattice.points)
         if displacement is not None:
-            x = x + factor * _evaluate(displacement, cells, lattice.points)
-        values = [_evaluate(u, cells, lattice.points) for u in fields.values()]
+            x = x + factor * _evaluate(displacement, owners, lattice.points)
+        values = [_evaluate(u, owners, lattice.points) for u in fields.values()]
         pieces.append(_piece(lattice, handed[chosen], x, values))
     gathered = mesh.comm.gather(_join(pieces))
     return None if gathered is None else _as_polydata(_join(gathered), list(fields))
