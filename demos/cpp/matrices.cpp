@@ -5,8 +5,8 @@
 //
 // A block of hexahedra stands on a larger one of tetrahedra. The two meshes are
 // separate DOLFINx meshes, with a displacement space of degree 2 on each. D and
-// M (equations 3.5 and 3.6 of the paper) are made as PETSc matrices, and checked
-// against what every pair of mortar matrices has to fulfil.
+// M (equations 3.5 and 3.6 of the paper) are made as PETSc matrices, and
+// checked against what every pair of mortar matrices has to fulfil.
 
 #include <basix/finite-element.h>
 #include <cmath>
