@@ -84,10 +84,10 @@ TEST_CASE("states that come back are a cycle", "[mpi]")
   // After a beginning that does not belong to it
   CHECK(cycles({"ll", "oo", "os", "so", "os", "so", "os"}) == "0000011");
   CHECK(cycles({"o", "s", "l", "s", "o", "s", "l", "s", "o"}) == "000000001");
-  // It ends
   CHECK(cycles({"oo", "so", "ss", "sl", "ll", "os", "ol", "oo", "so", "ss",
                 "sl", "ll", "os", "ol", "oo"})
         == "000000000000001");
+  // It ends
   CHECK(cycles({"o", "s", "o", "s", "o", "o"}) == "000010");
 }
 

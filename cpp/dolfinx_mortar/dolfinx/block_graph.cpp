@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "bodies.h"
+#include <algorithm>
 #include <dolfinx/fem/utils.h>
 
 using namespace dolfinx_mortar;

@@ -11,8 +11,8 @@ namespace dolfinx_mortar
 /// estimates them from its pattern; infinite where PETSc has no MUMPS.
 /// Collective.
 ///
-/// The number of unknowns does not tell: a slice of 130 000 takes as many as a
-/// cube of 25 000. What interfaces add to the pattern is left out.
+/// The number of unknowns does not tell: a slice of 132 000 takes fewer than a
+/// cube of 28 000. What interfaces add to the pattern is left out.
 double factorisation_work(const Bodies& bodies);
 
 /// @brief Whether a model is large for a direct solver, see SolverOptions.
