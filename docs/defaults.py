@@ -34,7 +34,7 @@ CALLS = {
 }
 FACETS = ("tri3", "quad4", "tri6", "quad8", "quad9")
 #: Groups of PETSc options in solver_options.cpp
-OPTIONS = ("newton", "direct", "factorisation", "krylov", "inexact", "multigrid")
+OPTIONS = ("newton", "direct", "factorisation", "krylov", "inexact", "corners", "multigrid")
 
 
 class FixedNumber(NamedTuple):

@@ -7,6 +7,7 @@ linear system is solved to 1e-8 with a preconditioner of its own, so that the nu
 the systems, and not of how far Newton's iteration has got.
 
     python3 tests/benchmarks/flatness.py [--cells 6 9 12 18] [--case NAME ...] [--option NAME=VALUE]
+                                         [--multiplier NAME]
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ def case(element="hex27", stiffness=1.0, nu=0.3, motion=(0.0, 0.0), loose=False,
 CASES = {
     "tie": case(tie=True),
     "tie, tet10": case("tet10", tie=True),
+    "tie, hex20": case("hex20", tie=True),
     "tie, 1000 times stiffer above": case(stiffness=1000.0, tie=True),
     "tie, 1000 times softer above": case(stiffness=1e-3, tie=True),
     "contact": case(),
@@ -83,7 +85,8 @@ def block(comm, corners, size: float, element: str):
 def body(comm, corners, size, element, E, nu):
     """Displacement, facet tags and residual of a linear elastic block, in cells of a given size."""
     domain, tags = block(comm, corners, size, element)
-    u = fem.Function(fem.functionspace(domain, ("Lagrange", 2, (3,))))
+    space = dm.hex20((3,)) if element == "hex20" else ("Lagrange", 2, (3,))
+    u = fem.Function(fem.functionspace(domain, space))
     mu = fem.Constant(domain, default_scalar_type(E / (2 * (1 + nu))))
     lmbda = fem.Constant(domain, default_scalar_type(E * nu / ((1 + nu) * (1 - 2 * nu))))
     eps = ufl.sym(ufl.grad(u))
@@ -149,9 +152,13 @@ def main() -> None:
     )
     parser.add_argument("--case", choices=CASES, nargs="+", default=list(CASES))
     parser.add_argument("--option", action="append", default=[], help="of PETSc, NAME=VALUE")
+    parser.add_argument("--multiplier", help="space of the multipliers, instead of the default")
     parser.add_argument("--out", type=Path, help="write figures to this JSON file")
     arguments = parser.parse_args()
     options = dict(o.split("=", 1) for o in arguments.option)
+    if arguments.multiplier:
+        for settings in CASES.values():
+            settings["interface"]["multiplier"] = arguments.multiplier
     root = MPI.COMM_WORLD.rank == 0
     rows = []
     if root:

@@ -92,6 +92,16 @@ Surface create_tool_surface(std::span<const TaggedFacets> parts,
 /// block. Collective.
 Matrix create_block_graph(MPI_Comm comm, const Body& body);
 
+/// @brief Displacements by those of the corners of cells: of a node on an edge,
+/// a facet or inside of a cell their mean. Collective.
+/// @param[in] layout,spaces Displacement dofs, and the spaces they are of;
+/// blocks of tools are corners.
+/// @return Rows are displacement dofs, columns those of the corners, which each
+/// rank has in the order of its blocks; null where all nodes are corners.
+Matrix create_corner_interpolation(
+    const Layout& layout,
+    std::span<const std::shared_ptr<const FunctionSpace>> spaces);
+
 /// @brief Forms, displacements and Dirichlet conditions of the bodies of a
 /// problem, and the rigid tools, without what happens between them.
 class Bodies

@@ -243,7 +243,8 @@ KSPConvergedReason solve_to(KSP ksp, double rtol, Vec b, Vec x,
 
 //-----------------------------------------------------------------------------
 LinearSolver::LinearSolver(MPI_Comm comm, const std::string& prefix,
-                           bool condense, std::span<const double> x)
+                           bool condense, std::span<const double> x,
+                           std::function<Matrix()> interpolate_corners)
     : _condense(condense)
 {
   check(KSPCreate(comm, _ksp.put()), "KSPCreate");
@@ -260,7 +261,8 @@ LinearSolver::LinearSolver(MPI_Comm comm, const std::string& prefix,
       = std::string(type) == KSPPREONLY or name == PCNONE or name == "python";
   if (condense and !direct)
   {
-    _reduced = std::make_unique<ReducedPreconditioner>(comm, prefix, x);
+    _reduced = std::make_unique<ReducedPreconditioner>(
+        comm, prefix, x, std::move(interpolate_corners));
     check(PCSetType(pc, PCSHELL), "PCSetType");
     check(PCShellSetContext(pc, _reduced.get()), "PCShellSetContext");
     check(PCShellSetApply(pc, apply_reduced), "PCShellSetApply");

@@ -6,6 +6,7 @@
 #include "elimination.h"
 #include "newton_system.h"
 #include "reduced.h"
+#include <functional>
 #include <memory>
 #include <span>
 #include <string>
@@ -40,8 +41,11 @@ public:
   /// @param[in] condense Condense the multipliers, or solve the saddle point.
   /// @param[in] x Positions of the owned displacement dofs, for rigid body
   /// modes.
+  /// @param[in] interpolate_corners See ReducedPreconditioner; none, and there
+  /// is no level of corners.
   LinearSolver(MPI_Comm comm, const std::string& prefix, bool condense,
-               std::span<const double> x);
+               std::span<const double> x,
+               std::function<Matrix()> interpolate_corners = {});
 
   /// @brief Solve for [du, dz]. Collective.
   /// @param[in] s Newton system.

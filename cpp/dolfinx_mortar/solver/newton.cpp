@@ -24,7 +24,11 @@ Newton::Newton(Bodies& bodies, const Coupling& coupling, SolverOptions options,
     PetscErrorText errors;
     _solver = std::make_unique<LinearSolver>(
         coupling.comm(), _options.prefix(), condense,
-        coupling.layout.owned(coupling.layout.X, 3));
+        coupling.layout.owned(coupling.layout.X, 3),
+        [&bodies]
+        {
+          return create_corner_interpolation(bodies.layout(), bodies.spaces());
+        });
     create_snes();
   }
   _options.check_names();

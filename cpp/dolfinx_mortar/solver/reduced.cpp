@@ -2,10 +2,11 @@
 // SPDX-License-Identifier: MIT
 
 #include "reduced.h"
-#include "combine_rows.h"
 #include "convergence_error.h"
+#include "solver_options.h"
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <limits>
@@ -31,6 +32,15 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 constexpr std::int64_t most_changed = 40;
 constexpr double most_growth = 1.3, most_more = 4;
 
+/// An option that is true unless it is set.
+bool option(const std::string& prefix, const char* name)
+{
+  PetscBool value = PETSC_TRUE;
+  check(PetscOptionsGetBool(nullptr, prefix.c_str(), name, &value, nullptr),
+        "PetscOptionsGetBool");
+  return value;
+}
+
 std::vector<std::int8_t> num_constraints(const Elimination& e)
 {
   std::vector<std::int8_t> num(e.constrained.size());
@@ -41,16 +51,19 @@ std::vector<std::int8_t> num_constraints(const Elimination& e)
 } // namespace
 
 //-----------------------------------------------------------------------------
-ReducedPreconditioner::ReducedPreconditioner(MPI_Comm comm,
-                                             const std::string& prefix,
-                                             std::span<const double> x)
+ReducedPreconditioner::ReducedPreconditioner(
+    MPI_Comm comm, const std::string& prefix, std::span<const double> x,
+    std::function<Matrix()> interpolate_corners)
     : _comm(comm), _prefix(prefix), _x(x.begin(), x.end())
 {
-  PetscBool reuse = PETSC_TRUE;
-  check(PetscOptionsGetBool(nullptr, prefix.c_str(), "-pc_mortar_reuse", &reuse,
-                            nullptr),
-        "PetscOptionsGetBool");
-  _reuse = reuse;
+  _reuse = option(prefix, "-pc_mortar_reuse");
+  const bool corners = option(prefix, "-pc_mortar_corners");
+  std::array<char, 64> type = {};
+  check(PetscOptionsGetString(nullptr, prefix.c_str(), "-pc_type", type.data(),
+                              type.size(), nullptr),
+        "PetscOptionsGetString");
+  if (corners and interpolate_corners and has_corner_level(type.data()))
+    _P = interpolate_corners();
 }
 //-----------------------------------------------------------------------------
 void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
@@ -60,8 +73,8 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   _e = &e;
   _rows = &rows;
   // What belongs to the last system is large
-  if (_inner and (!_reuse or _worn or num_changed() > most_changed))
-    _inner.reset();
+  if (inner() and (!_reuse or _worn or num_changed() > most_changed))
+    forget();
   _W.reset();
   {
     Timer timer("~mortar: condense");
@@ -69,8 +82,13 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
     _W = create_W();
   }
   _is_new = false;
-  if (!_inner)
+  if (!inner())
     set_up();
+  else if (_multigrid)
+  {
+    Timer timer("~mortar: renew");
+    _multigrid->update(std::make_unique<ReducedOperator>(s, e, _W.get()));
+  }
   _blocks = invert_constraints();
 }
 //-----------------------------------------------------------------------------
@@ -106,10 +124,16 @@ bool ReducedPreconditioner::judge(bool converged, int iterations, double rtol)
   return true;
 }
 //-----------------------------------------------------------------------------
+void ReducedPreconditioner::forget()
+{
+  _inner.reset();
+  _multigrid.reset();
+}
+//-----------------------------------------------------------------------------
 void ReducedPreconditioner::set_up()
 {
   Timer timer("~mortar: set up");
-  _inner.reset();
+  forget();
 #ifdef __GLIBC__
   // What the last one was made of lies between what stays, and would not be
   // given back
@@ -117,28 +141,63 @@ void ReducedPreconditioner::set_up()
 #endif
   _constraints = num_constraints(*_e);
   _is_new = true;
-  const std::vector<double> stiffness = diagonal(_s->K.get());
-  double total = 0;
-  for (double k : stiffness)
-    total += k;
-  _mean = sum(_comm, total)
-          / sum(_comm, static_cast<std::int64_t>(stiffness.size()));
-  const Matrix A = create_operator();
-  check(PCCreate(_comm, _inner.put()), "PCCreate");
-  check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
-        "PCSetOptionsPrefix");
-  check(PCSetOperators(_inner.get(), A.get(), A.get()), "PCSetOperators");
-  check(PCSetFromOptions(_inner.get()), "PCSetFromOptions");
-  check(PCSetUp(_inner.get()), "PCSetUp");
+  auto reduced = std::make_unique<ReducedOperator>(*_s, *_e, _W.get());
+  if (_P)
+    create_multigrid(std::move(reduced));
+  else
+  {
+    const Matrix A = reduced->assemble();
+    check(MatSetNearNullSpace(A.get(), create_modes().get()),
+          "MatSetNearNullSpace");
+    check(PCCreate(_comm, _inner.put()), "PCCreate");
+    check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
+          "PCSetOptionsPrefix");
+    check(PCSetOperators(_inner.get(), A.get(), A.get()), "PCSetOperators");
+    check(PCSetFromOptions(_inner.get()), "PCSetFromOptions");
+    check(PCSetUp(_inner.get()), "PCSetUp");
+  }
   // PETSc leaves it to the caller to ask
   PCFailedReason reason;
-  check(PCGetFailedReason(_inner.get(), &reason), "PCGetFailedReason");
+  check(PCGetFailedReason(inner(), &reason), "PCGetFailedReason");
   if (any(_comm, reason != PC_NOERROR))
   {
     throw ConvergenceError("The preconditioner could not be set up: the system "
                            "is singular. A body may not be held: check the "
                            "Dirichlet conditions.");
   }
+}
+//-----------------------------------------------------------------------------
+void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
+{
+  // Corners have the displacements that their rows of P, the identity, give
+  std::vector<double> x;
+  std::vector<Entry> units;
+  std::vector<std::int8_t> fixed(_s->size_u, 0);
+  for (std::int32_t dof : _s->fixed)
+    fixed[dof] = 1;
+  for (std::int32_t dof : corner_dofs(_P.get()))
+  {
+    const std::int32_t corner = x.size(), component = dof % 3;
+    x.push_back(_x[dof]);
+    if (fixed[dof])
+      units.push_back({corner, corner, A->unit()});
+    const Matrix3d& Pi = _e->constrained[dof / 3];
+    for (std::int32_t j = 0; j < 3 and !Pi.isZero(0); ++j)
+    {
+      units.push_back(
+          {corner, corner - component + j, A->unit() * Pi(component, j)});
+    }
+  }
+  const PetscInt size = x.size();
+  const Matrix U = create_from_entries(_comm, size, size, units);
+  const Vector coordinates = create_vector(_comm, x, 3);
+  PetscHandle<MatNullSpace, MatNullSpaceDestroy> modes;
+  check(MatNullSpaceCreateRigidBody(coordinates.get(), modes.put()),
+        "MatNullSpaceCreateRigidBody");
+  _multigrid = std::make_unique<CornerMultigrid>(
+      _comm, _prefix, std::move(A),
+      interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get()), U.get(),
+      modes.get());
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_W() const
@@ -213,62 +272,6 @@ Matrix ReducedPreconditioner::follow_masters() const
   return multiply(edges.get(), multiply(Q.get(), B.get()).get());
 }
 //-----------------------------------------------------------------------------
-Matrix ReducedPreconditioner::create_operator() const
-{
-  // (I + W)ᵀ (K + Bᵀ S B) (I + W), as K and the few entries that are to be
-  // added to it
-  const Mat K = _s->K.get(), W = _W.get();
-  const Matrix KW = multiply(K, W);
-  Matrix WK, WKW;
-  {
-    // The product copies its second factor: few rows of K are multiplied
-    std::vector<std::int8_t> moved(_s->size_u);
-    PetscInt begin;
-    check(MatGetOwnershipRange(W, &begin, nullptr), "MatGetOwnershipRange");
-    for (std::int32_t dof = 0; dof < _s->size_u; ++dof)
-      moved[dof] = !MatrixRow(W, begin + dof).columns().empty();
-    const std::vector<RowTerm> rows = {{K, moved}};
-    check(MatTransposeMatMult(W, combine_rows(rows).get(), MAT_INITIAL_MATRIX,
-                              PETSC_DEFAULT, WK.put()),
-          "MatTransposeMatMult");
-  }
-  check(MatTransposeMatMult(W, KW.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT,
-                            WKW.put()),
-        "MatTransposeMatMult");
-  // Unit-like entries in the constrained directions
-  std::vector<Entry> units;
-  for (std::int32_t node = 0; node < _s->size_u / 3; ++node)
-  {
-    for (int i = 0; i < 3 and !_e->constrained[node].isZero(0); ++i)
-    {
-      for (int j = 0; j < 3; ++j)
-      {
-        units.push_back(
-            {3 * node + i, 3 * node + j, _mean * _e->constrained[node](i, j)});
-      }
-    }
-  }
-  const Matrix U = create_from_entries(_comm, _s->size_u, _s->size_u, units);
-  std::vector<RowTerm> terms
-      = {{K}, {KW.get()}, {WK.get()}, {WKW.get()}, {U.get()}};
-  const Matrix friction = create_friction();
-  if (friction)
-    terms.push_back({friction.get()});
-  Matrix A = combine_rows(terms);
-  std::vector<PetscInt> fixed;
-  PetscInt begin;
-  check(MatGetOwnershipRange(A.get(), &begin, nullptr), "MatGetOwnershipRange");
-  for (std::int32_t dof : _s->fixed)
-    fixed.push_back(begin + dof);
-  check(MatZeroRowsColumns(A.get(), fixed.size(), fixed.data(), _mean, nullptr,
-                           nullptr),
-        "MatZeroRowsColumns");
-  check(MatSetNearNullSpace(A.get(), create_modes().get()),
-        "MatSetNearNullSpace");
-  check(MatSetOption(A.get(), MAT_SYMMETRIC, PETSC_TRUE), "MatSetOption");
-  return A;
-}
-//-----------------------------------------------------------------------------
 PetscHandle<MatNullSpace, MatNullSpaceDestroy>
 ReducedPreconditioner::create_modes() const
 {
@@ -325,45 +328,6 @@ ReducedPreconditioner::create_modes() const
   check(MatNullSpaceCreate(_comm, constant, size, vectors.data(), out.put()),
         "MatNullSpaceCreate");
   return out;
-}
-//-----------------------------------------------------------------------------
-Matrix ReducedPreconditioner::create_friction() const
-{
-  // (I + W)ᵀ Bᵀ S B (I + W). Springs that are stiffer than the bodies would
-  // leave out of account that pressures, and friction with them, follow the
-  // motion too.
-  const MultiplierNodes& nodes = _s->nodes;
-  const std::vector<double> stiffness = diagonal(_s->K.get());
-  std::vector<Entry> entries;
-  for (std::size_t j = 0; j < nodes.size(); ++j)
-  {
-    const double size
-        = nodes.across[j].norm() * nodes.diagonal[j] * nodes.diagonal[j];
-    if (!(size > 0))
-      continue;
-    const double most = std::abs(stiffness[3 * nodes.own[j]]);
-    const Matrix3d S = std::min(1.0, most / size) * nodes.across[j];
-    for (int a = 0; a < 3; ++a)
-    {
-      for (int b = 0; b < 3; ++b)
-      {
-        entries.push_back({static_cast<std::int32_t>(3 * j + a),
-                           static_cast<std::int32_t>(3 * j + b), S(a, b)});
-      }
-    }
-  }
-  if (!any(_comm, !entries.empty()))
-    return {};
-  const Matrix springs
-      = create_from_entries(_comm, _s->size_z, _s->size_z, entries);
-  const Matrix motion = multiply(_s->B.get(), _W.get());
-  add(motion.get(), 1.0, _s->B.get());
-  const Matrix traction = multiply(springs.get(), motion.get());
-  Matrix forces;
-  check(MatTransposeMatMult(motion.get(), traction.get(), MAT_INITIAL_MATRIX,
-                            PETSC_DEFAULT, forces.put()),
-        "MatTransposeMatMult");
-  return forces;
 }
 //-----------------------------------------------------------------------------
 std::vector<Matrix3d> ReducedPreconditioner::invert_constraints() const
@@ -436,7 +400,7 @@ void ReducedPreconditioner::apply(Vec x, Vec y) const
   const Vector b = create_vector(_comm, rho);
   Vector w;
   check(VecDuplicate(b.get(), w.put()), "VecDuplicate");
-  check(PCApply(_inner.get(), b.get(), w.get()), "PCApply");
+  check(PCApply(inner(), b.get(), w.get()), "PCApply");
   check(MatMultAdd(_W.get(), w.get(), w.get(), y), "MatMultAdd");
 
   std::vector<double> turned;

@@ -3,8 +3,11 @@
 
 #pragma once
 
+#include "corner_multigrid.h"
 #include "elimination.h"
 #include "newton_system.h"
+#include <functional>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -47,6 +50,9 @@ struct RowOperator
 /// in the directions of the constraints follow from the constraints, node by
 /// node. Dirichlet dofs are outside of all this: their rows are unit rows of
 /// the condensed system, and of the preconditioner too.
+///
+/// Algebraic multigrid of second-order elements is one of the corners of cells,
+/// below a level of all nodes (see CornerMultigrid).
 class ReducedPreconditioner
 {
 public:
@@ -54,14 +60,18 @@ public:
   /// @param[in] prefix Prefix of the options of the inner preconditioner.
   /// @param[in] x Positions of the owned displacement dofs, for rigid body
   /// modes.
+  /// @param[in] interpolate_corners Makes the matrix of displacements by those
+  /// of the corners of cells, null where it is the identity; collective.
   ReducedPreconditioner(MPI_Comm comm, const std::string& prefix,
-                        std::span<const double> x);
+                        std::span<const double> x,
+                        std::function<Matrix()> interpolate_corners);
 
   /// @brief Set up for a system. Collective.
   ///
   /// The inner preconditioner is the last one where the system differs in few
   /// constraints from the one that it was made for, and its iterations have not
   /// grown. With the option `pc_mortar_reuse false` it is always a new one.
+  /// Multigrid has no level of the corners with `pc_mortar_corners false`.
   /// @param[in] s,e,rows Newton system, its elimination and its rows; they must
   /// live until the last call of apply.
   /// @throw ConvergenceError On all ranks, where the system is singular.
@@ -84,7 +94,7 @@ public:
   bool judge(bool converged, int iterations, double rtol);
 
   /// The inner preconditioner; null before the first system
-  PC inner() const { return _inner.get(); }
+  PC inner() const { return _multigrid ? _multigrid->pc() : _inner.get(); }
 
 private:
   /// Number of nodes whose constraints are not those that the inner
@@ -93,6 +103,11 @@ private:
 
   /// Make the inner preconditioner for the present system.
   void set_up();
+
+  void forget();
+
+  /// A level of all nodes above one of the corners.
+  void create_multigrid(std::unique_ptr<ReducedOperator> A);
 
   /// W; with (I + W) (I + R) in place of I + W, see follow_masters
   Matrix create_W() const;
@@ -110,12 +125,9 @@ private:
   /// adds what is missing. Null where nothing is, as with T_ec = ½.
   Matrix follow_masters() const;
 
-  Matrix create_operator() const;
-
   /// Rigid body modes as values w
   PetscHandle<MatNullSpace, MatNullSpaceDestroy> create_modes() const;
 
-  Matrix create_friction() const;
   std::vector<Eigen::Matrix3d> invert_constraints() const;
 
   MPI_Comm _comm;
@@ -125,10 +137,12 @@ private:
   const NewtonSystem* _s = nullptr;
   const Elimination* _e = nullptr;
   const RowOperator* _rows = nullptr;
-  double _mean = 0;
   Matrix _W, _R;
 
+  // Displacements by those of corners, null where multigrid has no such level
+  Matrix _P;
   PetscHandle<PC, PCDestroy> _inner;
+  std::unique_ptr<CornerMultigrid> _multigrid; // or this in place of it
   // Of the system that it was made for: numbers of constraints of all nodes,
   // and iterations that a digit took
   std::vector<std::int8_t> _constraints;

@@ -32,6 +32,11 @@ const Options inexact = {{"snes_ksp_ew", "true"},
 const Options multigrid = {{"mg_levels_pc_type", "sor"},
                            {"mg_levels_ksp_max_it", "1"},
                            {"pc_gamg_threshold", "0.02"}};
+// The level of all nodes above that of the corners knows its matrix by products
+// and by the blocks at its diagonal
+const Options corners = {{"mg_fine_ksp_type", "chebyshev"},
+                         {"mg_fine_ksp_max_it", "2"},
+                         {"mg_fine_pc_type", "pbjacobi"}};
 
 // Options that a name which PETSc does not know may have been meant for
 const std::vector<std::string> common = {"snes_rtol",
@@ -72,7 +77,11 @@ const std::vector<std::string> common = {"snes_rtol",
                                          "pc_gamg_coarse_eq_limit",
                                          "pc_hypre_type",
                                          "pc_mortar_reuse",
+                                         "pc_mortar_corners",
                                          "pc_mg_levels",
+                                         "mg_fine_pc_type",
+                                         "mg_fine_ksp_type",
+                                         "mg_fine_ksp_max_it",
                                          "mg_levels_pc_type",
                                          "mg_levels_ksp_type",
                                          "mg_levels_ksp_max_it",
@@ -81,6 +90,9 @@ const std::vector<std::string> common = {"snes_rtol",
 
 // The others need an energy, or a function of the user
 const std::vector<std::string> line_searches = {"basic", "bt", "l2", "nleqerr"};
+
+// Multigrid that second-order elements have a level of corners with
+const std::vector<std::string> on_corners = {"gamg", "hypre", "ml"};
 
 // They replace the matrix that contact is linearised in
 const std::vector<std::string> no_matrix
@@ -142,6 +154,11 @@ std::string meant(std::string name)
 } // namespace
 
 //-----------------------------------------------------------------------------
+bool dolfinx_mortar::has_corner_level(const std::string& pc_type)
+{
+  return std::ranges::find(on_corners, pc_type) != on_corners.end();
+}
+//-----------------------------------------------------------------------------
 SolverOptions::SolverOptions(std::string prefix, Options given,
                              bool saddle_point,
                              const std::function<bool()>& is_large)
@@ -175,6 +192,8 @@ SolverOptions::SolverOptions(std::string prefix, Options given,
   }
   else if (pc and *pc == "gamg")
     defaults.insert(multigrid.begin(), multigrid.end());
+  if (pc and has_corner_level(*pc))
+    defaults.insert(corners.begin(), corners.end());
   for (const auto& [name, value] : defaults)
   {
     if (!_given.contains(name))

@@ -14,6 +14,11 @@
 
 namespace dolfinx_mortar
 {
+/// @brief Whether a preconditioner is algebraic multigrid, which is one of the
+/// corners of second-order cells, below a level of all nodes.
+/// @param[in] pc_type PETSc's name of it.
+bool has_corner_level(const std::string& pc_type);
+
 /// @brief PETSc options of a problem, and what is best for those that are not
 /// given.
 ///

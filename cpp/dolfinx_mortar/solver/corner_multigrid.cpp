@@ -1,0 +1,203 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "corner_multigrid.h"
+#include <algorithm>
+
+using namespace dolfinx_mortar;
+
+namespace
+{
+using Eigen::Matrix3d;
+
+/// Projection on the directions that are not constrained. Collective.
+Matrix create_free_directions(MPI_Comm comm,
+                              std::span<const Matrix3d> constrained)
+{
+  std::vector<Entry> entries;
+  for (std::size_t node = 0; node < constrained.size(); ++node)
+  {
+    const std::int32_t dof = 3 * node;
+    const Matrix3d& Pi = constrained[node];
+    for (int i = 0; i < 3; ++i)
+    {
+      for (int j = 0; j < 3; ++j)
+      {
+        const double value = (i == j) - Pi(i, j);
+        if (i == j or value != 0)
+          entries.push_back({dof + i, dof + j, value});
+      }
+    }
+  }
+  const PetscInt size = 3 * constrained.size();
+  return create_from_entries(comm, size, size, entries);
+}
+} // namespace
+
+//-----------------------------------------------------------------------------
+std::vector<std::int32_t> dolfinx_mortar::corner_dofs(Mat P)
+{
+  std::vector<std::int32_t> dofs; // their rows have one entry
+  PetscInt begin, end;
+  check(MatGetOwnershipRange(P, &begin, &end), "MatGetOwnershipRange");
+  for (PetscInt row = begin; row < end; ++row)
+  {
+    if (MatrixRow(P, row).columns().size() == 1)
+      dofs.push_back(row - begin);
+  }
+  return dofs;
+}
+//-----------------------------------------------------------------------------
+Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
+                                           const Elimination& e, Mat W, Mat R)
+{
+  const std::vector<std::int32_t> corners = corner_dofs(P);
+  // Corners by corners: those that are slaves follow their masters
+  std::vector<double> kept(s.size_u, 1.0);
+  PetscInt begin;
+  check(MatGetOwnershipRange(W, &begin, nullptr), "MatGetOwnershipRange");
+  for (std::int32_t dof = 0; dof < s.size_u; ++dof)
+  {
+    if (!MatrixRow(W, begin + dof).columns().empty())
+      kept[dof] = 0;
+  }
+  std::vector<Entry> picks, ones;
+  for (std::size_t c = 0; c < corners.size(); ++c)
+  {
+    kept[corners[c]] = 1;
+    picks.push_back({static_cast<std::int32_t>(c), corners[c], 1.0});
+    ones.push_back(
+        {static_cast<std::int32_t>(c), static_cast<std::int32_t>(c), 1.0});
+  }
+  const PetscInt num_corners = corners.size();
+  const Matrix J = create_from_entries(s.comm, num_corners, s.size_u, picks);
+  Matrix C = create_from_entries(s.comm, num_corners, num_corners, ones);
+  {
+    const Matrix followers = duplicate(P);
+    scale_rows(followers.get(), kept);
+    const Matrix JW = multiply(J.get(), W);
+    add(C.get(), 1.0, multiply(JW.get(), followers.get()).get());
+  }
+  Matrix u = multiply(P, C.get());
+
+  Matrix w = u;
+  if (s.T_minus_one)
+  {
+    // Centres depend on edges, and these on corners: after three sweeps w is
+    // exact
+    const std::vector<double> d = diagonal(s.T_minus_one.get());
+    std::vector<double> factors(d.size());
+    std::ranges::transform(d, factors.begin(),
+                           [](double x) { return 1 / (1 + x); });
+    for (int sweep = 0; sweep < 3; ++sweep)
+    {
+      const Matrix Tw = multiply(s.T_minus_one.get(), w.get());
+      Matrix next = duplicate(u.get());
+      add(next.get(), -1.0, Tw.get());
+      const Matrix own = duplicate(w.get());
+      scale_rows(own.get(), d);
+      add(next.get(), 1.0, own.get());
+      scale_rows(next.get(), factors);
+      w = next;
+    }
+  }
+  if (R)
+  {
+    const Matrix Rw = multiply(R, w.get());
+    w = duplicate(w.get());
+    add(w.get(), -1.0, Rw.get());
+  }
+  const Matrix free = create_free_directions(s.comm, e.constrained);
+  w = multiply(free.get(), w.get());
+  std::vector<double> held(s.size_u, 1.0), held_corners(num_corners, 1.0);
+  for (std::int32_t dof : s.fixed)
+    held[dof] = 0;
+  for (PetscInt c = 0; c < num_corners; ++c)
+    held_corners[c] = held[corners[c]];
+  scale_rows(w.get(), held);
+  scale_columns(w.get(), held_corners);
+  return w;
+}
+//-----------------------------------------------------------------------------
+CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
+                                 std::unique_ptr<ReducedOperator> A, Matrix P,
+                                 Mat more, MatNullSpace modes)
+{
+  Matrix A_corners = A->project(P.get());
+  add(A_corners.get(), 1.0, more);
+  check(MatSetBlockSize(A_corners.get(), 3), "MatSetBlockSize");
+  check(MatSetNearNullSpace(A_corners.get(), modes), "MatSetNearNullSpace");
+  check(MatSetOption(A_corners.get(), MAT_SYMMETRIC, PETSC_TRUE),
+        "MatSetOption");
+  const PetscInt size = local_size(P.get()).first;
+  check(MatCreateShell(comm, size, size, PETSC_DETERMINE, PETSC_DETERMINE, this,
+                       _shell.put()),
+        "MatCreateShell");
+  check(MatSetBlockSize(_shell.get(), 3), "MatSetBlockSize");
+  check(MatSetOption(_shell.get(), MAT_SYMMETRIC, PETSC_TRUE), "MatSetOption");
+  check(MatShellSetOperation(_shell.get(), MATOP_MULT,
+                             reinterpret_cast<void (*)(void)>(multiply)),
+        "MatShellSetOperation");
+  check(MatShellSetOperation(_shell.get(), MATOP_INVERT_BLOCK_DIAGONAL,
+                             reinterpret_cast<void (*)(void)>(inverse_blocks)),
+        "MatShellSetOperation");
+
+  check(PCCreate(comm, _pc.put()), "PCCreate");
+  check(PCSetOptionsPrefix(_pc.get(), (prefix + "mg_corners_").c_str()),
+        "PCSetOptionsPrefix");
+  check(PCSetType(_pc.get(), PCMG), "PCSetType");
+  check(PCMGSetLevels(_pc.get(), 2, nullptr), "PCMGSetLevels");
+  check(PCMGSetInterpolation(_pc.get(), 1, P.get()), "PCMGSetInterpolation");
+  KSP smoother, corners;
+  PC pc;
+  check(PCMGGetSmoother(_pc.get(), 1, &smoother), "PCMGGetSmoother");
+  check(KSPSetOptionsPrefix(smoother, (prefix + "mg_fine_").c_str()),
+        "KSPSetOptionsPrefix");
+  check(PCMGGetCoarseSolve(_pc.get(), &corners), "PCMGGetCoarseSolve");
+  check(KSPSetType(corners, KSPPREONLY), "KSPSetType");
+  check(KSPSetOperators(corners, A_corners.get(), A_corners.get()),
+        "KSPSetOperators");
+  check(KSPGetPC(corners, &pc), "KSPGetPC");
+  check(PCSetOptionsPrefix(pc, prefix.c_str()), "PCSetOptionsPrefix");
+  check(PCSetFromOptions(pc), "PCSetFromOptions");
+  update(std::move(A));
+}
+//-----------------------------------------------------------------------------
+void CornerMultigrid::update(std::unique_ptr<ReducedOperator> A)
+{
+  _operator = std::move(A);
+  _inverse_blocks = _operator->inverse_blocks();
+  // A changed operator is one that has been assembled
+  check(MatAssemblyBegin(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
+  check(MatAssemblyEnd(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
+  check(PCSetOperators(_pc.get(), _shell.get(), _shell.get()),
+        "PCSetOperators");
+  check(PCSetUp(_pc.get()), "PCSetUp");
+}
+//-----------------------------------------------------------------------------
+PetscErrorCode CornerMultigrid::multiply(Mat A, Vec x, Vec y)
+{
+  PetscFunctionBeginUser;
+  void* context;
+  PetscCall(MatShellGetContext(A, &context));
+  try
+  {
+    static_cast<const CornerMultigrid*>(context)->_operator->apply(x, y);
+  }
+  catch (const std::exception&)
+  {
+    PetscFunctionReturn(PETSC_ERR_LIB);
+  }
+  PetscFunctionReturn(PETSC_SUCCESS);
+}
+//-----------------------------------------------------------------------------
+PetscErrorCode CornerMultigrid::inverse_blocks(Mat A,
+                                               const PetscScalar** values)
+{
+  PetscFunctionBeginUser;
+  void* context;
+  PetscCall(MatShellGetContext(A, &context));
+  *values
+      = static_cast<const CornerMultigrid*>(context)->_inverse_blocks.data();
+  PetscFunctionReturn(PETSC_SUCCESS);
+}

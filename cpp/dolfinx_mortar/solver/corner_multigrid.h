@@ -1,0 +1,72 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#pragma once
+
+#include "reduced_operator.h"
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+namespace dolfinx_mortar
+{
+/// @brief Local dofs of the corners, in the order of the columns of this rank.
+/// @param[in] P Displacements by those of corners.
+std::vector<std::int32_t> corner_dofs(Mat P);
+
+/// @brief Motions of nodes that follow from those of the corners of cells, for
+/// the motions w of a reduced system. Collective.
+///
+/// Corners that are slaves follow their masters, other nodes the corners of
+/// their edge, facet or cell, u = P (I + J W P) w_c with J that picks the
+/// corners, and motions w = (I + R)⁻¹ T⁻¹ u; without what constraints and
+/// Dirichlet conditions hold.
+/// @param[in] P Displacements by those of corners.
+/// @param[in] s,e Newton system and its elimination.
+/// @param[in] W,R Motions of slave nodes, and change of basis (may be null),
+/// see ReducedPreconditioner.
+Matrix interpolate_motions(Mat P, const NewtonSystem& s, const Elimination& e,
+                           Mat W, Mat R);
+
+/// @brief Multigrid for second-order elements: a level of all nodes, the
+/// corners of cells below it, and another preconditioner for these.
+///
+/// Linear functions on the same cells are the best coarse space there is for
+/// quadratic ones, and their matrix has a tenth of the entries. The level of
+/// all nodes needs the operator and the blocks at its diagonal alone. Options
+/// of its smoother have the prefix `mg_fine_`; all others are those of the
+/// corners' preconditioner.
+class CornerMultigrid
+{
+public:
+  /// @brief Collective.
+  /// @param[in] prefix Prefix of the options.
+  /// @param[in] A Operator.
+  /// @param[in] P Motions by those of the corners.
+  /// @param[in] more Added to Pᵀ A P where it is singular.
+  /// @param[in] modes Rigid body modes of the corners.
+  CornerMultigrid(MPI_Comm comm, const std::string& prefix,
+                  std::unique_ptr<ReducedOperator> A, Matrix P, Mat more,
+                  MatNullSpace modes);
+
+  // PETSc's objects point to this one
+  CornerMultigrid(const CornerMultigrid&) = delete;
+  CornerMultigrid& operator=(const CornerMultigrid&) = delete;
+
+  /// @brief Another operator, with what the corners have been set up for.
+  /// Collective.
+  void update(std::unique_ptr<ReducedOperator> A);
+
+  PC pc() const { return _pc.get(); }
+
+private:
+  static PetscErrorCode multiply(Mat A, Vec x, Vec y);
+  static PetscErrorCode inverse_blocks(Mat A, const PetscScalar** values);
+
+  std::unique_ptr<ReducedOperator> _operator;
+  std::vector<double> _inverse_blocks;
+  Matrix _shell;
+  PetscHandle<PC, PCDestroy> _pc;
+};
+} // namespace dolfinx_mortar
