@@ -55,6 +55,7 @@ CASES = {
     "tie": case(tie=True),
     "tie, tet10": case("tet10", tie=True),
     "tie, hex20": case("hex20", tie=True),
+    "tie, nu = 0.49": case(nu=0.49, tie=True),
     "tie, 1000 times stiffer above": case(stiffness=1000.0, tie=True),
     "tie, 1000 times softer above": case(stiffness=1e-3, tie=True),
     "contact": case(),

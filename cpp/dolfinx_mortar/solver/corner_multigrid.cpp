@@ -3,6 +3,7 @@
 
 #include "corner_multigrid.h"
 #include <algorithm>
+#include <array>
 
 using namespace dolfinx_mortar;
 
@@ -31,6 +32,37 @@ Matrix create_free_directions(MPI_Comm comm,
   }
   const PetscInt size = 3 * constrained.size();
   return create_from_entries(comm, size, size, entries);
+}
+/// Directions in which nodes have no motion of their own: those of their
+/// constraints, and where they follow masters with the corners of their edge
+/// (R), the mean of the corners'. Collective.
+std::vector<Matrix3d> held_directions(const NewtonSystem& s,
+                                      const Elimination& e, Mat R)
+{
+  std::vector<Matrix3d> held = e.constrained;
+  if (!R)
+    return held;
+  // Weights of the corners of an edge are alike
+  const Mat T = s.T_minus_one.get();
+  const std::vector<double> ones(s.size_u, 1.0), weight = multiply(T, ones);
+  std::array<std::vector<double>, 3> columns;
+  for (int j = 0; j < 3; ++j)
+  {
+    std::vector<double> of_corners(s.size_u);
+    for (std::int32_t dof = 0; dof < s.size_u; ++dof)
+      of_corners[dof] = e.constrained[dof / 3](dof % 3, j);
+    columns[j] = multiply(T, of_corners);
+  }
+  PetscInt begin;
+  check(MatGetOwnershipRange(R, &begin, nullptr), "MatGetOwnershipRange");
+  for (std::int32_t dof = 0; dof < s.size_u; ++dof)
+  {
+    if (MatrixRow(R, begin + dof).columns().empty())
+      continue;
+    for (int j = 0; j < 3; ++j)
+      held[dof / 3](dof % 3, j) += columns[j][dof] / weight[dof];
+  }
+  return held;
 }
 } // namespace
 
@@ -107,21 +139,24 @@ Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
     w = duplicate(w.get());
     add(w.get(), -1.0, Rw.get());
   }
-  const Matrix free = create_free_directions(s.comm, e.constrained);
+  const std::vector<Matrix3d> held = held_directions(s, e, R);
+  const Matrix free = create_free_directions(s.comm, held);
   w = multiply(free.get(), w.get());
-  std::vector<double> held(s.size_u, 1.0), held_corners(num_corners, 1.0);
+  std::vector<double> moves(s.size_u, 1.0), corner_moves(num_corners, 1.0);
   for (std::int32_t dof : s.fixed)
-    held[dof] = 0;
+    moves[dof] = 0;
   for (PetscInt c = 0; c < num_corners; ++c)
-    held_corners[c] = held[corners[c]];
-  scale_rows(w.get(), held);
-  scale_columns(w.get(), held_corners);
+    corner_moves[c] = moves[corners[c]];
+  scale_rows(w.get(), moves);
+  scale_columns(w.get(), corner_moves);
   return w;
 }
 //-----------------------------------------------------------------------------
 CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                                  std::unique_ptr<ReducedOperator> A, Matrix P,
-                                 Mat more, MatNullSpace modes)
+                                 Mat more, MatNullSpace modes,
+                                 std::vector<std::int32_t> together)
+    : _together(std::move(together))
 {
   Matrix A_corners = A->project(P.get());
   add(A_corners.get(), 1.0, more);
@@ -138,9 +173,6 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
   check(MatShellSetOperation(_shell.get(), MATOP_MULT,
                              reinterpret_cast<void (*)(void)>(multiply)),
         "MatShellSetOperation");
-  check(MatShellSetOperation(_shell.get(), MATOP_INVERT_BLOCK_DIAGONAL,
-                             reinterpret_cast<void (*)(void)>(inverse_blocks)),
-        "MatShellSetOperation");
 
   check(PCCreate(comm, _pc.put()), "PCCreate");
   check(PCSetOptionsPrefix(_pc.get(), (prefix + "mg_corners_").c_str()),
@@ -151,8 +183,12 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
   KSP smoother, corners;
   PC pc;
   check(PCMGGetSmoother(_pc.get(), 1, &smoother), "PCMGGetSmoother");
-  check(KSPSetOptionsPrefix(smoother, (prefix + "mg_fine_").c_str()),
+  check(KSPSetOptionsPrefix(smoother, (prefix + "mg_nodes_").c_str()),
         "KSPSetOptionsPrefix");
+  check(KSPGetPC(smoother, &pc), "KSPGetPC");
+  check(PCSetType(pc, PCSHELL), "PCSetType");
+  check(PCShellSetContext(pc, this), "PCShellSetContext");
+  check(PCShellSetApply(pc, apply_blocks), "PCShellSetApply");
   check(PCMGGetCoarseSolve(_pc.get(), &corners), "PCMGGetCoarseSolve");
   check(KSPSetType(corners, KSPPREONLY), "KSPSetType");
   check(KSPSetOperators(corners, A_corners.get(), A_corners.get()),
@@ -166,7 +202,7 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
 void CornerMultigrid::update(std::unique_ptr<ReducedOperator> A)
 {
   _operator = std::move(A);
-  _inverse_blocks = _operator->inverse_blocks();
+  _blocks = std::make_unique<DiagonalBlocks>(*_operator, _together);
   // A changed operator is one that has been assembled
   check(MatAssemblyBegin(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
   check(MatAssemblyEnd(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
@@ -191,13 +227,18 @@ PetscErrorCode CornerMultigrid::multiply(Mat A, Vec x, Vec y)
   PetscFunctionReturn(PETSC_SUCCESS);
 }
 //-----------------------------------------------------------------------------
-PetscErrorCode CornerMultigrid::inverse_blocks(Mat A,
-                                               const PetscScalar** values)
+PetscErrorCode CornerMultigrid::apply_blocks(PC pc, Vec x, Vec y)
 {
   PetscFunctionBeginUser;
   void* context;
-  PetscCall(MatShellGetContext(A, &context));
-  *values
-      = static_cast<const CornerMultigrid*>(context)->_inverse_blocks.data();
+  PetscCall(PCShellGetContext(pc, &context));
+  try
+  {
+    static_cast<const CornerMultigrid*>(context)->_blocks->apply(x, y);
+  }
+  catch (const std::exception&)
+  {
+    PetscFunctionReturn(PETSC_ERR_LIB);
+  }
   PetscFunctionReturn(PETSC_SUCCESS);
 }

@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include "diagonal_blocks.h"
 #include "reduced_operator.h"
 #include <memory>
 #include <span>
@@ -21,7 +22,8 @@ std::vector<std::int32_t> corner_dofs(Mat P);
 /// Corners that are slaves follow their masters, other nodes the corners of
 /// their edge, facet or cell, u = P (I + J W P) w_c with J that picks the
 /// corners, and motions w = (I + R)⁻¹ T⁻¹ u; without what constraints and
-/// Dirichlet conditions hold.
+/// Dirichlet conditions hold. Nor do edges move against the masters that they
+/// follow: corners would move several times as far.
 /// @param[in] P Displacements by those of corners.
 /// @param[in] s,e Newton system and its elimination.
 /// @param[in] W,R Motions of slave nodes, and change of basis (may be null),
@@ -34,9 +36,11 @@ Matrix interpolate_motions(Mat P, const NewtonSystem& s, const Elimination& e,
 ///
 /// Linear functions on the same cells are the best coarse space there is for
 /// quadratic ones, and their matrix has a tenth of the entries. The level of
-/// all nodes needs the operator and the blocks at its diagonal alone. Options
-/// of its smoother have the prefix `mg_fine_`; all others are those of the
-/// corners' preconditioner.
+/// all nodes needs products with the operator, and blocks at its diagonal: one
+/// for each node, and one for all nodes of a rank that move corners (see
+/// ReducedPreconditioner::follow_masters), whose motions are coupled by more
+/// than their blocks tell. Options of its smoother have the prefix `mg_nodes_`;
+/// all others are those of the corners' preconditioner.
 class CornerMultigrid
 {
 public:
@@ -46,9 +50,10 @@ public:
   /// @param[in] P Motions by those of the corners.
   /// @param[in] more Added to Pᵀ A P where it is singular.
   /// @param[in] modes Rigid body modes of the corners.
+  /// @param[in] together Owned nodes that share a block.
   CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                   std::unique_ptr<ReducedOperator> A, Matrix P, Mat more,
-                  MatNullSpace modes);
+                  MatNullSpace modes, std::vector<std::int32_t> together);
 
   // PETSc's objects point to this one
   CornerMultigrid(const CornerMultigrid&) = delete;
@@ -62,10 +67,11 @@ public:
 
 private:
   static PetscErrorCode multiply(Mat A, Vec x, Vec y);
-  static PetscErrorCode inverse_blocks(Mat A, const PetscScalar** values);
+  static PetscErrorCode apply_blocks(PC pc, Vec x, Vec y);
 
+  std::vector<std::int32_t> _together;
   std::unique_ptr<ReducedOperator> _operator;
-  std::vector<double> _inverse_blocks;
+  std::unique_ptr<DiagonalBlocks> _blocks;
   Matrix _shell;
   PetscHandle<PC, PCDestroy> _pc;
 };

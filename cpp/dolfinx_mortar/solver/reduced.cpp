@@ -41,6 +41,32 @@ bool option(const std::string& prefix, const char* name)
   return value;
 }
 
+/// Owned nodes that others follow, by the entries of their columns. Collective.
+std::vector<std::int32_t> followed_nodes(MPI_Comm comm, Mat W)
+{
+  const auto [rows, columns] = local_size(W);
+  PetscInt begin;
+  check(MatGetOwnershipRange(W, &begin, nullptr), "MatGetOwnershipRange");
+  std::vector<PetscInt> offsets = {0}, used;
+  for (PetscInt dof = 0; dof < rows; ++dof)
+  {
+    const MatrixRow row(W, begin + dof);
+    used.insert(used.end(), row.columns().begin(), row.columns().end());
+    offsets.push_back(used.size());
+  }
+  const Matrix pattern = create_from_rows(comm, rows, columns, offsets, used,
+                                          std::vector<double>(used.size(), 1));
+  const std::vector<double> count
+      = multiply_transposed(pattern.get(), std::vector<double>(rows, 1.0));
+  std::vector<std::int32_t> nodes;
+  for (std::int32_t node = 0; node < columns / 3; ++node)
+  {
+    if (count[3 * node] + count[3 * node + 1] + count[3 * node + 2] > 0)
+      nodes.push_back(node);
+  }
+  return nodes;
+}
+
 std::vector<std::int8_t> num_constraints(const Elimination& e)
 {
   std::vector<std::int8_t> num(e.constrained.size());
@@ -194,10 +220,15 @@ void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
   PetscHandle<MatNullSpace, MatNullSpaceDestroy> modes;
   check(MatNullSpaceCreateRigidBody(coordinates.get(), modes.put()),
         "MatNullSpaceCreateRigidBody");
+  // What is tied to masters couples them: the surface of a stiff body to the
+  // nodes of a soft one, corners to edges that share their weight
+  std::vector<std::int32_t> together;
+  if (_s->tied or _R)
+    together = followed_nodes(_comm, _W.get());
   _multigrid = std::make_unique<CornerMultigrid>(
       _comm, _prefix, std::move(A),
       interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get()), U.get(),
-      modes.get());
+      modes.get(), std::move(together));
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_W() const

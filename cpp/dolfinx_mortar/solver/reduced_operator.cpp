@@ -131,7 +131,7 @@ Matrix ReducedOperator::project(Mat P) const
   return A;
 }
 //-----------------------------------------------------------------------------
-std::vector<double> ReducedOperator::inverse_blocks() const
+std::vector<Matrix3d> ReducedOperator::blocks() const
 {
   std::vector<Matrix3d> blocks(_s->size_u / 3, Matrix3d::Zero());
   add_blocks(_s->K.get(), blocks);
@@ -144,12 +144,40 @@ std::vector<double> ReducedOperator::inverse_blocks() const
     block.col(i).setZero();
     block(i, i) = _unit;
   }
-  std::vector<double> inverses(9 * blocks.size());
-  for (std::size_t node = 0; node < blocks.size(); ++node)
+  return blocks;
+}
+//-----------------------------------------------------------------------------
+std::vector<Entry>
+ReducedOperator::entries(std::span<const std::int32_t> dofs) const
+{
+  std::vector<std::int32_t> number(_s->size_u, -1);
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    number[dofs[i]] = i;
+  std::vector<Entry> entries;
+  for (std::int32_t dof : _s->fixed)
   {
-    Eigen::Map<Matrix3d>(inverses.data() + 9 * node) = blocks[node].inverse();
+    if (number[dof] >= 0)
+      entries.push_back({number[dof], number[dof], _unit});
+    number[dof] = -1;
   }
-  return inverses;
+  for (Mat A : {_s->K.get(), _changes.get()})
+  {
+    Mat own;
+    check(MatGetDiagonalBlock(A, &own), "MatGetDiagonalBlock");
+    for (std::int32_t dof : dofs)
+    {
+      if (number[dof] < 0)
+        continue;
+      const MatrixRow row(own, dof);
+      for (std::size_t k = 0; k < row.columns().size(); ++k)
+      {
+        const std::int32_t column = number[row.columns()[k]];
+        if (column >= 0)
+          entries.push_back({number[dof], column, row.values()[k]});
+      }
+    }
+  }
+  return entries;
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedOperator::create_friction(Mat W) const

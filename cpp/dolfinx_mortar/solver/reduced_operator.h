@@ -5,6 +5,8 @@
 
 #include "elimination.h"
 #include "newton_system.h"
+#include <Eigen/Dense>
+#include <span>
 #include <vector>
 
 namespace dolfinx_mortar
@@ -36,9 +38,12 @@ public:
   /// @brief Pᵀ A P for a P without rows of Dirichlet dofs. Collective.
   Matrix project(Mat P) const;
 
-  /// @brief Inverses of the blocks of A at the diagonal, column by column,
-  /// shape (owned nodes, 3, 3).
-  std::vector<double> inverse_blocks() const;
+  /// @brief Blocks of A at the diagonal, 3 x 3, of the owned nodes.
+  std::vector<Eigen::Matrix3d> blocks() const;
+
+  /// @brief Entries of A in the rows and columns of some owned dofs, numbered
+  /// in their order.
+  std::vector<Entry> entries(std::span<const std::int32_t> dofs) const;
 
   /// What stands in for K in directions that do not move
   double unit() const { return _unit; }

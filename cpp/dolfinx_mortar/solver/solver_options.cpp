@@ -33,10 +33,8 @@ const Options multigrid = {{"mg_levels_pc_type", "sor"},
                            {"mg_levels_ksp_max_it", "1"},
                            {"pc_gamg_threshold", "0.02"}};
 // The level of all nodes above that of the corners knows its matrix by products
-// and by the blocks at its diagonal
-const Options corners = {{"mg_fine_ksp_type", "chebyshev"},
-                         {"mg_fine_ksp_max_it", "2"},
-                         {"mg_fine_pc_type", "pbjacobi"}};
+const Options corners
+    = {{"mg_nodes_ksp_type", "chebyshev"}, {"mg_nodes_ksp_max_it", "2"}};
 
 // Options that a name which PETSc does not know may have been meant for
 const std::vector<std::string> common = {"snes_rtol",
@@ -79,9 +77,8 @@ const std::vector<std::string> common = {"snes_rtol",
                                          "pc_mortar_reuse",
                                          "pc_mortar_corners",
                                          "pc_mg_levels",
-                                         "mg_fine_pc_type",
-                                         "mg_fine_ksp_type",
-                                         "mg_fine_ksp_max_it",
+                                         "mg_nodes_ksp_type",
+                                         "mg_nodes_ksp_max_it",
                                          "mg_levels_pc_type",
                                          "mg_levels_ksp_type",
                                          "mg_levels_ksp_max_it",
