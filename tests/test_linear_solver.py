@@ -108,6 +108,53 @@ def test_inexact_steps_end_at_the_same_solution(name, preconditioner):
     assert set_ups < most
 
 
+@pytest.mark.parametrize("element", ["tet10", "hex20", "hex27"])
+def test_multigrid_of_corners(element):
+    """With a level of all nodes above the corners' there are fewer iterations."""
+    kind = CellType.tetrahedron if element == "tet10" else CellType.hexahedron
+    mesh = create_unit_cube(comm, 6, 6, 6, kind)
+    V = fem.functionspace(mesh, dm.hex20((3,)) if element == "hex20" else ("Lagrange", 2, (3,)))
+    mesh.topology.create_connectivity(2, 3)
+    facets = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 0))
+    tags = meshtags(mesh, 2, facets, np.full(len(facets), 1, np.int32))
+    top = locate_entities_boundary(mesh, 2, lambda x: np.isclose(x[2], 1))
+    dofs = fem.locate_dofs_topological(V, 2, top)
+    bcs = [fem.dirichletbc(np.array([0.0, 0.0, -0.05]), dofs, V)]
+    counts, norms = [], []
+    for corners in (True, False):
+        u = fem.Function(V)
+        F = ufl.derivative(cases.linear_elastic(E, NU)(u) * ufl.dx, u, ufl.TestFunction(V))
+        contact = dm.Contact(V, tags, slave=1, master=dm.RigidPlane((0, 0, 0), (0, 0, 1)))
+        solver = {"pc_type": "gamg", "ksp_rtol": 1e-8, "pc_mortar_corners": corners}
+        problem = dm.ContactProblem(F, u, bcs=bcs, interfaces=[contact], petsc_options=solver)
+        count = []
+        problem._cpp_object.ksp.setMonitor(lambda ksp, i, norm, count=count: count.append(i > 0))
+        problem.solve()
+        counts.append(sum(count))
+        norms.append(np.sqrt(comm.allreduce(problem.state.u @ problem.state.u)))
+    assert counts[0] < 0.75 * counts[1]
+    assert np.isclose(*norms, rtol=1e-7)
+
+
+def krylov_iterations(kind, **options):
+    """Iterations of all systems of a step, each to 1e-8 with a preconditioner of its own."""
+    p = pressed(kind, elements=("hex20", "hex20"), **options)
+    counts = []
+    p.problem._cpp_object.ksp.setMonitor(lambda ksp, iteration, norm: counts.append(iteration > 0))
+    p.move(0.0, -0.01)
+    return sum(counts)
+
+
+def test_multigrid_of_ties():
+    """Multipliers at corners alone cost no iterations."""
+    solver = {"pc_type": "gamg", "ksp_rtol": 1e-8, "pc_mortar_reuse": False}
+    counts = [
+        krylov_iterations(dm.Tie, petsc_options=solver, multiplier=space)
+        for space in ("dual-reproducing", "dual")
+    ]
+    assert counts[0] <= 1.3 * counts[1]
+
+
 def test_solver_by_size():
     """Multigrid where a model is large and no solver is given, else what is given."""
     for large, given, pc in (

@@ -156,7 +156,7 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                                  std::unique_ptr<ReducedOperator> A, Matrix P,
                                  Mat more, MatNullSpace modes,
                                  std::vector<std::int32_t> together)
-    : _together(std::move(together))
+    : _comm(comm), _together(std::move(together))
 {
   Matrix A_corners = A->project(P.get());
   add(A_corners.get(), 1.0, more);
@@ -202,7 +202,7 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
 void CornerMultigrid::update(std::unique_ptr<ReducedOperator> A)
 {
   _operator = std::move(A);
-  _blocks = std::make_unique<DiagonalBlocks>(*_operator, _together);
+  _blocks = std::make_unique<DiagonalBlocks>(_comm, *_operator, _together);
   // A changed operator is one that has been assembled
   check(MatAssemblyBegin(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
   check(MatAssemblyEnd(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");

@@ -50,7 +50,7 @@ public:
   /// @param[in] P Motions by those of the corners.
   /// @param[in] more Added to Pᵀ A P where it is singular.
   /// @param[in] modes Rigid body modes of the corners.
-  /// @param[in] together Owned nodes that share a block.
+  /// @param[in] together Owned dofs that share a block, see DiagonalBlocks.
   CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                   std::unique_ptr<ReducedOperator> A, Matrix P, Mat more,
                   MatNullSpace modes, std::vector<std::int32_t> together);
@@ -69,6 +69,7 @@ private:
   static PetscErrorCode multiply(Mat A, Vec x, Vec y);
   static PetscErrorCode apply_blocks(PC pc, Vec x, Vec y);
 
+  MPI_Comm _comm;
   std::vector<std::int32_t> _together;
   std::unique_ptr<ReducedOperator> _operator;
   std::unique_ptr<DiagonalBlocks> _blocks;

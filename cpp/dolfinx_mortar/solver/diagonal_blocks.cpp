@@ -6,10 +6,44 @@
 
 using namespace dolfinx_mortar;
 
+namespace
+{
+/// LU factorisation of a matrix that is small in comparison with the bodies'.
+/// Collective.
+PetscHandle<PC, PCDestroy> factorise(MPI_Comm comm, const Matrix& A)
+{
+  PetscHandle<PC, PCDestroy> pc;
+  check(PCCreate(comm, pc.put()), "PCCreate");
+  check(PCSetOperators(pc.get(), A.get(), A.get()), "PCSetOperators");
+  int size;
+  MPI_Comm_size(comm, &size);
+  PetscBool available = PETSC_FALSE;
+  check(
+      MatGetFactorAvailable(A.get(), MATSOLVERMUMPS, MAT_FACTOR_LU, &available),
+      "MatGetFactorAvailable");
+  if (size == 1)
+  {
+    check(PCSetType(pc.get(), PCLU), "PCSetType");
+    check(PCFactorSetMatOrderingType(pc.get(), MATORDERINGND),
+          "PCFactorSetMatOrderingType");
+  }
+  else if (available)
+  {
+    check(PCSetType(pc.get(), PCLU), "PCSetType");
+    check(PCFactorSetMatSolverType(pc.get(), MATSOLVERMUMPS),
+          "PCFactorSetMatSolverType");
+  }
+  else
+    check(PCSetType(pc.get(), PCREDUNDANT), "PCSetType");
+  check(PCSetUp(pc.get()), "PCSetUp");
+  return pc;
+}
+} // namespace
+
 //-----------------------------------------------------------------------------
-DiagonalBlocks::DiagonalBlocks(const ReducedOperator& A,
+DiagonalBlocks::DiagonalBlocks(MPI_Comm comm, const ReducedOperator& A,
                                std::span<const std::int32_t> together)
-    : _inverse(A.blocks())
+    : _inverse(A.blocks()), _together(together.begin(), together.end())
 {
   for (Eigen::Matrix3d& block : _inverse)
   {
@@ -20,22 +54,12 @@ DiagonalBlocks::DiagonalBlocks(const ReducedOperator& A,
     else
       block = Eigen::Matrix3d::Identity() / A.unit();
   }
-  if (together.empty())
+  if (!any(comm, !_together.empty()))
     return;
-  for (std::int32_t node : together)
-  {
-    for (int c = 0; c < 3; ++c)
-      _dofs.push_back(3 * node + c);
-  }
-  const PetscInt size = _dofs.size();
-  _shared = create_from_entries(MPI_COMM_SELF, size, size, A.entries(_dofs));
-  check(PCCreate(MPI_COMM_SELF, _factor.put()), "PCCreate");
-  check(PCSetType(_factor.get(), PCLU), "PCSetType");
-  check(PCFactorSetMatOrderingType(_factor.get(), MATORDERINGND),
-        "PCFactorSetMatOrderingType");
-  check(PCSetOperators(_factor.get(), _shared.get(), _shared.get()),
-        "PCSetOperators");
-  check(PCSetUp(_factor.get()), "PCSetUp");
+  const Matrix part = A.part(_together);
+  _factor = factorise(comm, part);
+  check(MatCreateVecs(part.get(), _solution.put(), _right.put()),
+        "MatCreateVecs");
 }
 //-----------------------------------------------------------------------------
 void DiagonalBlocks::apply(Vec x, Vec y) const
@@ -51,16 +75,15 @@ void DiagonalBlocks::apply(Vec x, Vec y) const
   }
   if (_factor)
   {
-    std::vector<double> part(_dofs.size());
-    for (std::size_t i = 0; i < part.size(); ++i)
-      part[i] = in.get()[_dofs[i]];
-    const Vector b = create_vector(MPI_COMM_SELF, part);
-    Vector solution;
-    check(VecDuplicate(b.get(), solution.put()), "VecDuplicate");
-    check(PCApply(_factor.get(), b.get(), solution.get()), "PCApply");
-    const VectorView values(solution.get());
-    for (std::size_t i = 0; i < part.size(); ++i)
-      out[_dofs[i]] = values.get()[i];
+    PetscScalar* right;
+    check(VecGetArrayWrite(_right.get(), &right), "VecGetArrayWrite");
+    for (std::size_t i = 0; i < _together.size(); ++i)
+      right[i] = in.get()[_together[i]];
+    check(VecRestoreArrayWrite(_right.get(), &right), "VecRestoreArrayWrite");
+    check(PCApply(_factor.get(), _right.get(), _solution.get()), "PCApply");
+    const VectorView values(_solution.get());
+    for (std::size_t i = 0; i < _together.size(); ++i)
+      out[_together[i]] = values.get()[i];
   }
   check(VecRestoreArrayWrite(y, &out), "VecRestoreArrayWrite");
 }

@@ -12,22 +12,25 @@
 namespace dolfinx_mortar
 {
 /// @brief Inverses of blocks at the diagonal of an operator: one of each owned
-/// node, and one of several nodes together.
+/// node, and one of several nodes of all ranks together.
 class DiagonalBlocks
 {
 public:
+  /// @brief Collective.
+  /// @param[in] comm Communicator.
   /// @param[in] A Operator.
-  /// @param[in] together Owned nodes that share a block.
-  DiagonalBlocks(const ReducedOperator& A,
+  /// @param[in] together Owned dofs, ascending and none of them prescribed,
+  /// that share a block with those of other ranks.
+  DiagonalBlocks(MPI_Comm comm, const ReducedOperator& A,
                  std::span<const std::int32_t> together);
 
-  /// @brief Product y of the inverses and x.
+  /// @brief Product y of the inverses and x. Collective.
   void apply(Vec x, Vec y) const;
 
 private:
   std::vector<Eigen::Matrix3d> _inverse;
-  std::vector<std::int32_t> _dofs; // of the nodes that share a block
-  Matrix _shared;
-  PetscHandle<PC, PCDestroy> _factor;
+  std::vector<std::int32_t> _together;
+  PetscHandle<PC, PCDestroy> _factor; // null where nothing shares a block
+  Vector _right, _solution;
 };
 } // namespace dolfinx_mortar

@@ -30,6 +30,7 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 // changed cost iterations, and so does what has become of the bodies'
 // stiffness; a new one costs as much as some fifteen of them.
 constexpr std::int64_t most_changed = 40;
+constexpr double most_share = 0.1; // of those with constraints
 constexpr double most_growth = 1.3, most_more = 4;
 
 /// An option that is true unless it is set.
@@ -41,8 +42,10 @@ bool option(const std::string& prefix, const char* name)
   return value;
 }
 
-/// Owned nodes that others follow, by the entries of their columns. Collective.
-std::vector<std::int32_t> followed_nodes(MPI_Comm comm, Mat W)
+/// Owned dofs that others follow, by the entries of their columns, but for
+/// prescribed ones. Collective.
+std::vector<std::int32_t> followed_dofs(MPI_Comm comm, Mat W,
+                                        std::span<const std::int32_t> fixed)
 {
   const auto [rows, columns] = local_size(W);
   PetscInt begin;
@@ -56,15 +59,17 @@ std::vector<std::int32_t> followed_nodes(MPI_Comm comm, Mat W)
   }
   const Matrix pattern = create_from_rows(comm, rows, columns, offsets, used,
                                           std::vector<double>(used.size(), 1));
-  const std::vector<double> count
+  std::vector<double> count
       = multiply_transposed(pattern.get(), std::vector<double>(rows, 1.0));
-  std::vector<std::int32_t> nodes;
-  for (std::int32_t node = 0; node < columns / 3; ++node)
+  for (std::int32_t dof : fixed)
+    count[dof] = 0;
+  std::vector<std::int32_t> dofs;
+  for (PetscInt dof = 0; dof < columns; ++dof)
   {
-    if (count[3 * node] + count[3 * node + 1] + count[3 * node + 2] > 0)
-      nodes.push_back(node);
+    if (count[dof] > 0)
+      dofs.push_back(dof);
   }
-  return nodes;
+  return dofs;
 }
 
 std::vector<std::int8_t> num_constraints(const Elimination& e)
@@ -99,7 +104,7 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   _e = &e;
   _rows = &rows;
   // What belongs to the last system is large
-  if (inner() and (!_reuse or _worn or num_changed() > most_changed))
+  if (inner() and (!_reuse or _worn or has_changed()))
     forget();
   _W.reset();
   {
@@ -118,13 +123,18 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   _blocks = invert_constraints();
 }
 //-----------------------------------------------------------------------------
-std::int64_t ReducedPreconditioner::num_changed() const
+bool ReducedPreconditioner::has_changed() const
 {
   const std::vector<std::int8_t> now = num_constraints(*_e);
-  std::int64_t changed = 0;
+  std::int64_t changed = 0, constrained = 0;
   for (std::size_t node = 0; node < now.size(); ++node)
+  {
     changed += now[node] != _constraints[node];
-  return sum(_comm, changed);
+    constrained += now[node] > 0;
+  }
+  changed = sum(_comm, changed);
+  constrained = sum(_comm, constrained);
+  return changed > most_changed and changed > most_share * constrained;
 }
 //-----------------------------------------------------------------------------
 int ReducedPreconditioner::patience(double rtol) const
@@ -224,7 +234,7 @@ void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
   // nodes of a soft one, corners to edges that share their weight
   std::vector<std::int32_t> together;
   if (_s->tied or _R)
-    together = followed_nodes(_comm, _W.get());
+    together = followed_dofs(_comm, _W.get(), _s->fixed);
   _multigrid = std::make_unique<CornerMultigrid>(
       _comm, _prefix, std::move(A),
       interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get()), U.get(),

@@ -97,9 +97,9 @@ public:
   PC inner() const { return _multigrid ? _multigrid->pc() : _inner.get(); }
 
 private:
-  /// Number of nodes whose constraints are not those that the inner
-  /// preconditioner was made for; of all ranks.
-  std::int64_t num_changed() const;
+  /// Whether the constraints of many nodes are not those that the inner
+  /// preconditioner was made for. Collective.
+  bool has_changed() const;
 
   /// Make the inner preconditioner for the present system.
   void set_up();

@@ -147,37 +147,27 @@ std::vector<Matrix3d> ReducedOperator::blocks() const
   return blocks;
 }
 //-----------------------------------------------------------------------------
-std::vector<Entry>
-ReducedOperator::entries(std::span<const std::int32_t> dofs) const
+Matrix ReducedOperator::part(std::span<const std::int32_t> dofs) const
 {
-  std::vector<std::int32_t> number(_s->size_u, -1);
-  for (std::size_t i = 0; i < dofs.size(); ++i)
-    number[dofs[i]] = i;
-  std::vector<Entry> entries;
-  for (std::int32_t dof : _s->fixed)
-  {
-    if (number[dof] >= 0)
-      entries.push_back({number[dof], number[dof], _unit});
-    number[dof] = -1;
-  }
-  for (Mat A : {_s->K.get(), _changes.get()})
-  {
-    Mat own;
-    check(MatGetDiagonalBlock(A, &own), "MatGetDiagonalBlock");
-    for (std::int32_t dof : dofs)
-    {
-      if (number[dof] < 0)
-        continue;
-      const MatrixRow row(own, dof);
-      for (std::size_t k = 0; k < row.columns().size(); ++k)
-      {
-        const std::int32_t column = number[row.columns()[k]];
-        if (column >= 0)
-          entries.push_back({number[dof], column, row.values()[k]});
-      }
-    }
-  }
-  return entries;
+  PetscInt begin;
+  check(MatGetOwnershipRange(_s->K.get(), &begin, nullptr),
+        "MatGetOwnershipRange");
+  std::vector<PetscInt> numbers;
+  for (std::int32_t dof : dofs)
+    numbers.push_back(begin + dof);
+  PetscHandle<IS, ISDestroy> own;
+  check(ISCreateGeneral(_s->comm, numbers.size(), numbers.data(),
+                        PETSC_COPY_VALUES, own.put()),
+        "ISCreateGeneral");
+  Matrix A, more;
+  check(MatCreateSubMatrix(_s->K.get(), own.get(), own.get(),
+                           MAT_INITIAL_MATRIX, A.put()),
+        "MatCreateSubMatrix");
+  check(MatCreateSubMatrix(_changes.get(), own.get(), own.get(),
+                           MAT_INITIAL_MATRIX, more.put()),
+        "MatCreateSubMatrix");
+  add(A.get(), 1.0, more.get());
+  return A;
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedOperator::create_friction(Mat W) const

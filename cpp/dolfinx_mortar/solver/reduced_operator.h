@@ -41,9 +41,10 @@ public:
   /// @brief Blocks of A at the diagonal, 3 x 3, of the owned nodes.
   std::vector<Eigen::Matrix3d> blocks() const;
 
-  /// @brief Entries of A in the rows and columns of some owned dofs, numbered
-  /// in their order.
-  std::vector<Entry> entries(std::span<const std::int32_t> dofs) const;
+  /// @brief A in the rows and columns of some dofs that are not prescribed, of
+  /// all ranks. Collective.
+  /// @param[in] dofs Some owned dofs, ascending.
+  Matrix part(std::span<const std::int32_t> dofs) const;
 
   /// What stands in for K in directions that do not move
   double unit() const { return _unit; }

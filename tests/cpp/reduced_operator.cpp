@@ -1,0 +1,224 @@
+// Copyright (C) 2026 the dolfinx_mortar developers
+// SPDX-License-Identifier: MIT
+
+#include "dense.h"
+#include <catch2/catch_test_macros.hpp>
+#include <catch2/generators/catch_generators.hpp>
+#include <dolfinx_mortar/solver/corner_multigrid.h>
+#include <dolfinx_mortar/solver/diagonal_blocks.h>
+
+using namespace dolfinx_mortar;
+using Eigen::Matrix3d;
+using unit::MatrixXd;
+using unit::VectorXd;
+
+namespace
+{
+constexpr int nodes_of_rank = 5; // of a rank
+
+/// SmallBodies of five nodes on each rank: the last but one is constrained
+/// along a direction and the last one altogether, they follow nodes of all
+/// ranks; one component of the first is prescribed.
+struct SmallBodies
+{
+  NewtonSystem system;
+  Elimination elimination;
+  MatrixXd K, W, A; // A without what stands in for the fixed dofs
+  Matrix W_rows;
+  int rank, size, num_dofs;
+
+  SmallBodies()
+  {
+    const MPI_Comm comm = MPI_COMM_WORLD;
+    MPI_Comm_rank(comm, &rank);
+    MPI_Comm_size(comm, &size);
+    num_dofs = 3 * nodes_of_rank * size;
+    unit::Numbers number(7);
+    K = 0.2 * unit::random(num_dofs, num_dofs, number);
+    K = (K + K.transpose()).eval();
+    K.diagonal().array() += 5;
+    W = MatrixXd::Zero(num_dofs, num_dofs);
+    const Eigen::Vector3d n = Eigen::Vector3d(1, 2, -2) / 3;
+    const double unit = K.diagonal().mean();
+    MatrixXd units = MatrixXd::Zero(num_dofs, num_dofs);
+    for (int q = 0; q < size; ++q)
+    {
+      for (int node : {3, 4})
+      {
+        const Matrix3d Pi
+            = node == 3 ? Matrix3d(n * n.transpose()) : Matrix3d::Identity();
+        const int row = 3 * (nodes_of_rank * q + node);
+        for (int p = 0; p < size; ++p)
+        {
+          for (int k = 0; k < 2; ++k)
+          {
+            W.block<3, 3>(row, 3 * (nodes_of_rank * p + k))
+                = Pi * unit::random(3, 3, number);
+          }
+        }
+        W.block<3, 3>(row, row) = -Pi;
+        units.block<3, 3>(row, row) = unit * Pi;
+        if (q == rank)
+          elimination.constrained.push_back(Pi);
+      }
+      if (q == rank)
+      {
+        elimination.constrained.insert(elimination.constrained.begin(), 3,
+                                       Matrix3d::Zero());
+      }
+    }
+    const MatrixXd motion = MatrixXd::Identity(num_dofs, num_dofs) + W;
+    A = motion.transpose() * K * motion + units;
+    for (int q = 0; q < size; ++q)
+    {
+      const int dof = 3 * nodes_of_rank * q + 1;
+      A.row(dof).setZero();
+      A.col(dof).setZero();
+      A(dof, dof) = unit;
+    }
+    system.comm = comm;
+    system.size_u = 3 * nodes_of_rank;
+    system.fixed = {1};
+    system.K = rows(K);
+    W_rows = rows(W);
+  }
+
+  int first() const { return 3 * nodes_of_rank * rank; }
+
+  Matrix rows(const MatrixXd& M) const
+  {
+    const int own = 3 * nodes_of_rank;
+    return unit::from_dense(MPI_COMM_WORLD, M, own * rank, own, own, true);
+  }
+
+  std::vector<double> part(const VectorXd& v) const
+  {
+    return {v.data() + first(), v.data() + first() + 3 * nodes_of_rank};
+  }
+};
+
+double difference(const std::vector<double>& a, const std::vector<double>& b)
+{
+  double d = 0;
+  for (std::size_t i = 0; i < a.size(); ++i)
+    d = std::max(d, std::abs(a[i] - b[i]));
+  return d;
+}
+} // namespace
+
+TEST_CASE("the operator of motions is the same as products and as a matrix",
+          "[mpi]")
+{
+  const SmallBodies b;
+  const ReducedOperator A(b.system, b.elimination, b.W_rows.get());
+  CHECK(unit::close(A.unit(), b.K.diagonal().mean(), 1e-13));
+  unit::Numbers number(3);
+  const VectorXd v = unit::random(b.num_dofs, 1, number), Av = b.A * v;
+  const Vector x = create_vector(MPI_COMM_WORLD, b.part(v));
+  Vector y;
+  check(VecDuplicate(x.get(), y.put()), "VecDuplicate");
+  A.apply(x.get(), y.get());
+  CHECK(difference(local_values(y.get()), b.part(Av)) < 1e-12);
+  CHECK(difference(multiply(A.assemble().get(), b.part(v)), b.part(Av))
+        < 1e-12);
+
+  // Two coarse nodes of each rank; none moves what is fixed
+  MatrixXd P = unit::random(b.num_dofs, 6 * b.size, number);
+  for (int q = 0; q < b.size; ++q)
+    P.row(3 * nodes_of_rank * q + 1).setZero();
+  const Matrix rows = unit::from_dense(MPI_COMM_WORLD, P, b.first(),
+                                       3 * nodes_of_rank, 6, false);
+  const VectorXd w = unit::random(6 * b.size, 1, number);
+  const MatrixXd PAP = P.transpose() * b.A * P;
+  const VectorXd PAPw = PAP * w;
+  const std::vector<double> own(w.data() + 6 * b.rank,
+                                w.data() + 6 * b.rank + 6),
+      expected(PAPw.data() + 6 * b.rank, PAPw.data() + 6 * b.rank + 6);
+  CHECK(difference(multiply(A.project(rows.get()).get(), own), expected)
+        < 1e-11 * PAP.cwiseAbs().maxCoeff());
+}
+
+TEST_CASE("blocks at the diagonal, of nodes and of several together", "[mpi]")
+{
+  const SmallBodies b;
+  const ReducedOperator A(b.system, b.elimination, b.W_rows.get());
+  // Components of the first and the last but one node of all ranks; where
+  // nodes share no block that of each is its own
+  const bool share = GENERATE(true, false);
+  const std::vector<std::int32_t> together
+      = share ? std::vector<std::int32_t>{0, 2, 9, 10, 11}
+              : std::vector<std::int32_t>();
+  const DiagonalBlocks blocks(MPI_COMM_WORLD, A, together);
+  unit::Numbers number(4);
+  const VectorXd v = unit::random(b.num_dofs, 1, number);
+  const Vector x = create_vector(MPI_COMM_WORLD, b.part(v));
+  Vector y;
+  check(VecDuplicate(x.get(), y.put()), "VecDuplicate");
+  blocks.apply(x.get(), y.get());
+  MatrixXd inverse = MatrixXd::Zero(b.num_dofs, b.num_dofs);
+  for (int i = 0; i < b.num_dofs; i += 3)
+  {
+    inverse.block<3, 3>(i, i)
+        = unit::solve(b.A.block<3, 3>(i, i), MatrixXd::Identity(3, 3));
+  }
+  std::vector<int> all;
+  for (int q = 0; q < b.size; ++q)
+  {
+    for (std::int32_t dof : together)
+      all.push_back(3 * nodes_of_rank * q + dof);
+  }
+  const int n = all.size();
+  const MatrixXd part = b.A(all, all);
+  const MatrixXd part_inverse
+      = n == 0 ? part : unit::solve(part, MatrixXd::Identity(n, n));
+  for (int i = 0; i < n; ++i)
+  {
+    inverse.row(all[i]).setZero();
+    for (int j = 0; j < n; ++j)
+      inverse(all[i], all[j]) = part_inverse(i, j);
+  }
+  CHECK(difference(local_values(y.get()), b.part(inverse * v)) < 1e-12);
+}
+
+TEST_CASE("motions by those of corners", "[mpi]")
+{
+  // Node 2 is between 0 and 1 of its rank; 3 and 4 are corners, too, but follow
+  SmallBodies b;
+  MatrixXd P = MatrixXd::Zero(b.num_dofs, 12 * b.size);
+  MatrixXd expected = P;
+  for (int q = 0; q < b.size; ++q)
+  {
+    for (int c = 0; c < 3; ++c)
+    {
+      const int row = 3 * nodes_of_rank * q + c, column = 12 * q + c;
+      int corner = 0;
+      for (int node : {0, 1, 3, 4})
+        P(row + 3 * node, column + 3 * corner++) = 1;
+      P(row + 6, column) = P(row + 6, column + 3) = 0.5;
+    }
+  }
+  const int own = 3 * nodes_of_rank;
+  const Matrix rows
+      = unit::from_dense(MPI_COMM_WORLD, P, own * b.rank, own, 12, false);
+  CHECK(corner_dofs(rows.get())
+        == std::vector<std::int32_t>{0, 1, 2, 3, 4, 5, 9, 10, 11, 12, 13, 14});
+  const Matrix found = interpolate_motions(rows.get(), b.system, b.elimination,
+                                           b.W_rows.get(), nullptr);
+  // Without T a node has the motion of P, but for what it is held in
+  for (int q = 0; q < b.size; ++q)
+  {
+    const Matrix3d Pi = -b.W.block<3, 3>(3 * (nodes_of_rank * q + 3),
+                                         3 * (nodes_of_rank * q + 3));
+    expected.middleRows(own * q, own) = P.middleRows(own * q, own);
+    expected.middleRows(own * q + 9, 3)
+        = (Matrix3d::Identity() - Pi) * P.middleRows(own * q + 9, 3);
+    expected.middleRows(own * q + 12, 3).setZero();
+    expected.row(own * q + 1).setZero();
+    expected.col(12 * q + 1).setZero();
+  }
+  unit::Numbers number(5);
+  const VectorXd w = unit::random(12 * b.size, 1, number), u = expected * w;
+  const std::vector<double> mine(w.data() + 12 * b.rank,
+                                 w.data() + 12 * b.rank + 12);
+  CHECK(difference(multiply(found.get(), mine), b.part(u)) < 1e-13);
+}
