@@ -43,7 +43,7 @@ class ContactProblem(memory.Destroyable):
         petsc_options_prefix: Prefix of PETSc options.
         petsc_options: PETSc options without the prefix: ``snes_*`` for Newton's iteration,
             ``ksp_*`` and ``pc_*`` for the condensed (or saddle point) system. Defaults: full
-            Newton steps, and a sparse direct solver, or multigrid for large models (above 50 000
+            Newton steps, and a sparse direct solver, or multigrid for large models (above 30 000
             displacements, where these are not thin). They are in PETSc's database only while the
             problem is made and solved.
         condense: Condense the multipliers (default where all are dual); False keeps a saddle

@@ -42,14 +42,14 @@ public:
   /// Displacement dofs up to which no model is large. At 17 000 of a compact
   /// one multigrid takes the time of a factorisation, at 38 000 0.7 of it, and
   /// a third of the memory; up to here what fails least costs little more
-  static constexpr std::int64_t never_large = 50000;
+  static constexpr std::int64_t never_large = 30000;
 
   /// Displacement dofs above which every model is large
   static constexpr std::int64_t always_large = 500000;
 
   /// Operations of a factorisation above which a model between these is large.
   /// A cube of 28 000 dofs takes 0.7e11, one of 73 000 takes 3.1e11
-  static constexpr double largest_work = 2e11;
+  static constexpr double largest_work = 5e10;
 
   /// True where multigrid has been chosen for the size
   bool is_multigrid_by_size() const { return _multigrid_by_size; }
