@@ -33,6 +33,29 @@ Matrix create_free_directions(MPI_Comm comm,
   const PetscInt size = 3 * constrained.size();
   return create_from_entries(comm, size, size, entries);
 }
+
+/// T⁻¹ u. Collective.
+Matrix transform_back(const Matrix& u, Mat T_minus_one)
+{
+  // Centres depend on edges, and these on corners: after three sweeps w is
+  // exact
+  const std::vector<double> d = diagonal(T_minus_one);
+  std::vector<double> factors(d.size());
+  std::ranges::transform(d, factors.begin(),
+                         [](double x) { return 1 / (1 + x); });
+  Matrix w = u;
+  for (int sweep = 0; sweep < 3; ++sweep)
+  {
+    const Matrix own = duplicate(w.get());
+    scale_rows(own.get(), d);
+    add(own.get(), -1.0, multiply(T_minus_one, w.get()).get());
+    w = duplicate(u.get());
+    add(w.get(), 1.0, own.get());
+    scale_rows(w.get(), factors);
+  }
+  return w;
+}
+
 /// Directions in which nodes have no motion of their own: those of their
 /// constraints, and where they follow masters with the corners of their edge
 /// (R), the mean of the corners'. Collective.
@@ -110,29 +133,9 @@ Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
     const Matrix JW = multiply(J.get(), W);
     add(C.get(), 1.0, multiply(JW.get(), followers.get()).get());
   }
-  Matrix u = multiply(P, C.get());
-
-  Matrix w = u;
+  Matrix w = multiply(P, C.get());
   if (s.T_minus_one)
-  {
-    // Centres depend on edges, and these on corners: after three sweeps w is
-    // exact
-    const std::vector<double> d = diagonal(s.T_minus_one.get());
-    std::vector<double> factors(d.size());
-    std::ranges::transform(d, factors.begin(),
-                           [](double x) { return 1 / (1 + x); });
-    for (int sweep = 0; sweep < 3; ++sweep)
-    {
-      const Matrix Tw = multiply(s.T_minus_one.get(), w.get());
-      Matrix next = duplicate(u.get());
-      add(next.get(), -1.0, Tw.get());
-      const Matrix own = duplicate(w.get());
-      scale_rows(own.get(), d);
-      add(next.get(), 1.0, own.get());
-      scale_rows(next.get(), factors);
-      w = next;
-    }
-  }
+    w = transform_back(w, s.T_minus_one.get());
   if (R)
   {
     const Matrix Rw = multiply(R, w.get());

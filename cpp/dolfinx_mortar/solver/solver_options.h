@@ -40,8 +40,8 @@ public:
                 const std::function<bool()>& is_large = {});
 
   /// Displacement dofs up to which no model is large. At 17 000 of a compact
-  /// one multigrid takes the time of a factorisation, at 38 000 0.7 of it, and
-  /// a third of the memory; up to here what fails least costs little more
+  /// one multigrid takes half of the time of a factorisation, at 38 000 a
+  /// third; up to here what fails least costs little more
   static constexpr std::int64_t never_large = 30000;
 
   /// Displacement dofs above which every model is large
