@@ -24,7 +24,9 @@ std::vector<std::int32_t> corner_dofs(Mat P);
 /// corners, and motions w = (I + R)⁻¹ T⁻¹ u; without what constraints and
 /// Dirichlet conditions hold. Nor do edges move against the masters that they
 /// follow: corners would move several times as far.
-/// @param[in] P Displacements by those of corners.
+/// @param[in] P Displacements by those of corners, see
+/// create_corner_interpolation; rows are displacement dofs, columns dofs of
+/// corners, and so they are of the result.
 /// @param[in] s,e Newton system and its elimination.
 /// @param[in] W,R Motions of slave nodes, and change of basis (may be null),
 /// see ReducedPreconditioner.
@@ -37,18 +39,19 @@ Matrix interpolate_motions(Mat P, const NewtonSystem& s, const Elimination& e,
 /// Linear functions on the same cells are the best coarse space there is for
 /// quadratic ones, and their matrix has a tenth of the entries. The level of
 /// all nodes needs products with the operator, and blocks at its diagonal: one
-/// for each node, and one for all nodes of a rank that move corners (see
-/// ReducedPreconditioner::follow_masters), whose motions are coupled by more
-/// than their blocks tell. Options of its smoother have the prefix `mg_nodes_`;
-/// all others are those of the corners' preconditioner.
+/// for each node, and one for nodes that are coupled by more than these tell.
+/// Options of its smoother have the prefix `mg_nodes_`; all others are those of
+/// the corners' preconditioner.
 class CornerMultigrid
 {
 public:
   /// @brief Collective.
+  /// @param[in] comm Communicator.
   /// @param[in] prefix Prefix of the options.
   /// @param[in] A Operator.
-  /// @param[in] P Motions by those of the corners.
-  /// @param[in] more Added to Pᵀ A P where it is singular.
+  /// @param[in] P Motions by those of the corners, from interpolate_motions:
+  /// rows are displacement dofs, columns dofs of corners.
+  /// @param[in] more Added to Pᵀ A P where it is singular, of its size.
   /// @param[in] modes Rigid body modes of the corners.
   /// @param[in] together Owned dofs that share a block, see DiagonalBlocks.
   CornerMultigrid(MPI_Comm comm, const std::string& prefix,
