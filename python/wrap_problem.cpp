@@ -382,10 +382,12 @@ void wrap_relocation(nb::module_& m)
       [](int comm,
          const std::vector<std::shared_ptr<const FunctionSpace>>& spaces,
          const InterfaceOptions& contact, const Conditions& bcs,
-         double distance)
-      { return adjust(MPI_Comm_f2c(comm), spaces, contact, bcs, distance); },
+         double distance, double gap)
+      {
+        return adjust(MPI_Comm_f2c(comm), spaces, contact, bcs, distance, gap);
+      },
       nb::arg("comm"), nb::arg("spaces"), nb::arg("contact"), nb::arg("bcs"),
-      nb::arg("distance"),
+      nb::arg("distance"), nb::arg("gap"),
       "Motion of slave nodes that are near the master. Collective.");
 }
 } // namespace

@@ -76,6 +76,37 @@ def test_onto_a_tool():
     assert np.max(np.abs(d), initial=0) < 1e-12
 
 
+@pytest.mark.parametrize("gap", [0.03, -0.04])
+def test_nodes_have_a_gap(gap):
+    """Over a wave, as far as the master's facets follow it; what would move too far stays."""
+    upper, lower = bodies("hex8", gap=gap)
+    contact = dm.Contact(
+        slave=[(upper.V, upper.facet_tags, FACES["z-"])],
+        master=[(lower.V, lower.facet_tags, FACES["z+"])],
+    )
+    before = heights(upper)
+    assert dm.adjust(contact, 1e-3, gap=-gap) == 0
+    assert heights(upper) == before
+    largest = dm.adjust(contact, 0.025, gap=gap)
+    assert 0.01 < largest < 0.025
+    deviations = np.array(heights(upper)) - gap
+    assert np.max(np.abs(deviations)) < 0.2 * np.max(np.abs(np.array(before) - gap))
+    assert dm.adjust(contact, 0.025, gap=gap) < 1e-2 * largest
+
+
+@pytest.mark.parametrize("gap", [0.02, -0.02])
+def test_a_gap_to_a_tool(gap):
+    """All nodes of the bottom, in exactly one plane."""
+    upper, _ = bodies("hex20")
+    tool = dm.RigidPlane((0, 0, 0.99), (0.02, -0.01, 1))
+    side = [(upper.V, upper.facet_tags, FACES["z-"])]
+    assert dm.adjust(dm.Contact(slave=side, master=tool), 0.08, gap=gap) > 0.001
+    x = upper.mesh.geometry.x
+    n = np.array([0.02, -0.01, 1]) / np.linalg.norm([0.02, -0.01, 1])
+    d = (x[x[:, 2] < 1.2] - [0, 0, 0.99]) @ n - gap
+    assert np.max(np.abs(d), initial=0) < 1e-12
+
+
 def test_bad_input():
     upper, lower = bodies("hex8")
     sides = {
@@ -85,3 +116,5 @@ def test_bad_input():
     fails(lambda: dm.adjust(dm.Tie(**sides), 0.1), "for ties there is relocate")
     for distance in (None, -1.0, "near"):
         fails(lambda d=distance: dm.adjust(dm.Contact(**sides), d), "distance is")
+    for gap in (None, np.nan, "0.1"):
+        fails(lambda g=gap: dm.adjust(dm.Contact(**sides), 0.1, gap=g), "gap is")

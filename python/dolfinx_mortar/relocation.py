@@ -57,18 +57,26 @@ def relocate(tie: Tie, bcs: Sequence[fem.DirichletBC] = (), limit: float = 0.8) 
     return motion.largest
 
 
-def adjust(contact: Contact, distance: float, bcs: Sequence[fem.DirichletBC] = ()) -> float:
+def adjust(
+    contact: Contact,
+    distance: float,
+    bcs: Sequence[fem.DirichletBC] = (),
+    gap: float = 0.0,
+) -> float:
     """Move slave nodes of *your* mesh that nearly touch the master onto it. Collective.
 
     Along their normals, without any stress: small gaps and overlaps of surfaces that are meant to
-    touch, as those of curved surfaces with different meshes, are gone. Call this before forms are
-    assembled and before the problem is created. Only geometry nodes move: straight cells under a
-    second-order displacement follow at their corners.
+    touch, as those of curved surfaces with different meshes, are gone. With a ``gap`` nodes come
+    to lie that far from the master: surfaces that are meshed with a clearance, or with the overlap
+    of a press fit, have the same one everywhere. Call this before forms are assembled and before
+    the problem is created. Only geometry nodes move: straight cells under a second-order
+    displacement follow at their corners.
 
     Args:
         contact: Contact, not yet part of a problem; its offset is not looked at.
-        distance: Nodes that are further from the master [length], along their normals, stay.
+        distance: Nodes that would move further [length], along their normals, stay.
         bcs: Dirichlet conditions of the problem; nodes they fix entirely do not move.
+        gap: Gap that the nodes are to have [length], negative for an overlap.
 
     Returns:
         Largest motion of a node [length].
@@ -78,11 +86,13 @@ def adjust(contact: Contact, distance: float, bcs: Sequence[fem.DirichletBC] = (
             f"adjust moves the slave nodes of a Contact, not of a {type(contact).__name__}: for "
             "ties there is relocate."
         )
+    with agreement.alike(contact.comm) as same:
+        same["gap"] = arguments.number("gap", gap)
     bcs = _check(contact, bcs, "distance", distance)
     spaces = _spaces(contact)
     comm = memory.communicator(contact.comm).py2f()
     spaces_ = [V._cpp_object for V in spaces]
-    motion = cpp.adjust(comm, spaces_, contact.describe(), bcs, distance)
+    motion = cpp.adjust(comm, spaces_, contact.describe(), bcs, distance, gap)
     _move_meshes(spaces, motion)
     return motion.largest
 

@@ -16,8 +16,10 @@ constexpr double unreached = std::numeric_limits<double>::infinity();
 /// are curved differently.
 constexpr double seam = 1e-6;
 
-/// Way along a normal to the nearest of some facets, infinite if none is met.
-double way_to_facets(const Vec3& x, const Vec3& n, const FacetList& list,
+/// Shortest way along a normal to where the gap to one of some facets is a
+/// given one; infinite if none is met.
+double way_to_facets(const Vec3& x, const Vec3& n, double gap,
+                     const FacetList& list,
                      std::span<const std::int32_t> masters)
 {
   double way = unreached;
@@ -36,7 +38,7 @@ double way_to_facets(const Vec3& x, const Vec3& n, const FacetList& list,
           or !in_reference(list.types[f], xi, seam)
           or !opposes(view, point, n, 0.1))
         continue;
-      const double a = (point.x - x).dot(n);
+      const double a = (point.x - x).dot(n) - gap;
       if (std::abs(a) < std::abs(way))
         way = a;
     }
@@ -44,10 +46,10 @@ double way_to_facets(const Vec3& x, const Vec3& n, const FacetList& list,
   return way;
 }
 
-/// Ways along their normals of the local slave nodes; infinite where the master
-/// is further away than a distance. Collective.
+/// Ways along their normals of the local slave nodes to where they have a gap;
+/// infinite where they are longer than a distance. Collective.
 std::vector<double> ways(const Interface& data, const Configuration& c,
-                         double distance)
+                         double distance, double gap)
 {
   // Sums over facets, which see the same point of the master
   const Surface& s = data.slave;
@@ -65,13 +67,13 @@ std::vector<double> ways(const Interface& data, const Configuration& c,
         const FrameView view(frame->x);
         const ClosestPoint p
             = closest_point(*frame->shape, view.coordinates(x));
-        way = p.distance * view.axes.col(0).norm();
+        way = p.distance * view.axes.col(0).norm() - gap;
       }
       else
       {
         const std::int32_t begin = c.candidates.offsets[f];
         way = way_to_facets(
-            x, n, c.candidates.master,
+            x, n, gap, c.candidates.master,
             std::span(c.candidates.facets)
                 .subspan(begin, c.candidates.offsets[f + 1] - begin));
       }
@@ -97,7 +99,8 @@ std::vector<double> ways(const Interface& data, const Configuration& c,
 Relocation dolfinx_mortar::adjust(
     MPI_Comm comm, std::span<const std::shared_ptr<const FunctionSpace>> spaces,
     const InterfaceOptions& contact,
-    const std::vector<std::shared_ptr<const DirichletBC>>& bcs, double distance)
+    const std::vector<std::shared_ptr<const DirichletBC>>& bcs, double distance,
+    double gap)
 {
   Layout layout = create_layout(comm, spaces, tools_of({contact}));
   const std::vector<std::int8_t> prescribed
@@ -107,7 +110,7 @@ Relocation dolfinx_mortar::adjust(
   const CoupledInterface& c = coupling.interfaces.front();
   const Configuration configuration
       = configure(c, interface_positions(c, nullptr));
-  const std::vector<double> way = ways(c.data, configuration, distance);
+  const std::vector<double> way = ways(c.data, configuration, distance, gap);
 
   Relocation out;
   out.motion.resize(coupling.layout.size(), 0.0);

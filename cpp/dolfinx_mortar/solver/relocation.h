@@ -35,16 +35,17 @@ Relocation relocate(
     const InterfaceOptions& tie,
     const std::vector<std::shared_ptr<const DirichletBC>>& bcs, double limit);
 
-/// @brief Motion that brings the slave nodes of a contact which are near the
-/// master onto it, along their normals (on an analytic tool to the closest
+/// @brief Motion that gives the slave nodes of a contact which are near the
+/// master a gap to it, along their normals (on an analytic tool to the closest
 /// point). Collective.
 /// @param[in] comm,spaces,bcs See relocate.
 /// @param[in] contact Contact.
-/// @param[in] distance Nodes that are further apart [length] stay.
+/// @param[in] distance Nodes that would move further [length] stay.
+/// @param[in] gap Gap that nodes are to have [length]; negative for an overlap.
 /// @return `motion` and `largest`.
 Relocation adjust(MPI_Comm comm,
                   std::span<const std::shared_ptr<const FunctionSpace>> spaces,
                   const InterfaceOptions& contact,
                   const std::vector<std::shared_ptr<const DirichletBC>>& bcs,
-                  double distance);
+                  double distance, double gap = 0);
 } // namespace dolfinx_mortar
