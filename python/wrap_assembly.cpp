@@ -155,6 +155,8 @@ void wrap_integrals(nb::module_& m)
               "Number of facets of this rank that some master covers.")
       .def_ro("num_pairs", &NodalIntegrals::num_pairs,
               "Number of pairs of this rank.")
+      .def_ro("num_points", &NodalIntegrals::num_points,
+              "Number of quadrature points of this rank.")
       .def_ro("num_without_multipliers",
               &NodalIntegrals::num_without_multipliers,
               "Covered facets none of whose nodes carries a multiplier.")

@@ -166,6 +166,8 @@ void wrap_options(nb::module_& m)
           nb::arg("slave"), nb::arg("master"),
           "Integrate a tie at these positions of the local nodes, shapes "
           "(n, 3), instead of those of the mesh.")
+      .def_rw("balance", &InterfaceOptions::balance, nb::arg().none(),
+              "Spread the integration over all ranks; None where it pays.")
       .def_ro("space", &InterfaceOptions::space,
               "Space of the multipliers; None for the default.")
       .def_ro("integration", &InterfaceOptions::integration,

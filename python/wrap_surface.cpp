@@ -6,9 +6,11 @@
 
 #include "arrays.h"
 #include <cstdint>
+#include <dolfinx_mortar/common/mpi_exchange.h>
 #include <dolfinx_mortar/dolfinx/adapter.h>
 #include <dolfinx_mortar/surface/patches.h>
 #include <dolfinx_mortar/surface/search.h>
+#include <dolfinx_mortar/surface/spread.h>
 #include <dolfinx_mortar/surface/surface.h>
 #include <memory>
 #include <nanobind/nanobind.h>
@@ -93,6 +95,8 @@ void wrap_surfaces(nb::module_& m)
   def_array(s, "nodes", &Surface::nodes, "Local nodes of all facets.");
   def_array(s, "orientation", &Surface::orientation,
             "+1 or -1 for each facet.");
+  def_array(s, "parts", &Surface::parts,
+            "Where the compact parts of the facets begin; empty for one part.");
   def_array(s, "numbers", &Surface::numbers,
             "Surface number of each local node.");
   def_array(s, "blocks", &Surface::blocks, "Block number of each local node.");
@@ -135,6 +139,13 @@ void wrap_surfaces_of_arrays(nb::module_& m)
       nb::arg("orientation"), nb::arg("block_numbers"),
       nb::arg("num_owned_blocks"), nb::arg("block_owners"), nb::arg("X"),
       "Create a surface from arrays; `comm` is `comm.py2f()`. Collective.");
+  m.def("spread_facets", &spread_facets, nb::arg("surface"),
+        "The same surface, its facets spread evenly over the ranks. "
+        "Collective.");
+  m.def(
+      "received_bytes", []() { return received_bytes(); },
+      "What this process has received from others so far by the exchanges of "
+      "the library.");
   m.def("split_at_edges", &split_at_edges, nb::arg("surface"),
         nb::arg("feature_angle"),
         "Give each smooth patch that meets at a node a node of its own. "

@@ -65,6 +65,10 @@ class Contact(Interface):
             normals and gaps: a node there is in contact with each of them on its own, on two or
             three at once in the corner of a master. Friction of such a node acts along the edge,
             with the sum of both normal forces. 180 averages normals over all edges.
+        balance: Spread the integration evenly over all ranks, whatever the partition of the
+            bodies; False leaves a facet to the rank that owns its cell. By default it is spread
+            from 200 slave facets on. With ``geometry="reference"``, which is integrated once, it
+            never is.
     """
 
     columns: ClassVar[Mapping[str, int]] = {
@@ -93,6 +97,7 @@ class Contact(Interface):
         initial_active: str | Callable = "gap",
         normal: Sequence[float] | None = None,
         feature_angle: float = 40.0,
+        balance: bool | None = None,
         **options: Any,
     ):
         super().__init__(V, facet_tags, slave=slave, master=master, **options)
@@ -118,7 +123,11 @@ class Contact(Interface):
             if feature_angle > 180:
                 raise ValueError(f"feature_angle is {feature_angle}, but cannot be above 180.")
             same["feature_angle"] = feature_angle
+            if balance not in (None, True, False):
+                raise ValueError(f"balance is {balance!r}, but must be True, False or None.")
+            same["balance"] = balance
         self._feature_angle = float(feature_angle)
+        self._balance = balance
         self._geometry = geometry
         self._c = (c_n, c_t)
         self._normal = direction
@@ -168,9 +177,15 @@ class Contact(Interface):
         return {**super().present_values(), **self.friction_values(), **offset}
 
     def present_offset(self) -> npt.NDArray[np.float64]:
-        """Offset of the local slave nodes, as the C++ library takes it. Collective."""
+        """Offset of the local slave nodes, as the C++ library takes it. Collective.
+
+        That of ghosts is zero: their owners know it.
+        """
         spaces = [f.function_space for f in arguments.as_list(self.gap)]
-        return self._offset.values(spaces, self.slave_dofs())
+        owned = self._offset.values(spaces, self.slave_dofs())
+        if self._offset.given is None:
+            return owned
+        return np.pad(owned, (0, self.data.slave.num_nodes - len(owned)))
 
     def friction_values(self) -> dict[str, float | None]:
         """What friction is at present, to be the same on all ranks.
@@ -206,6 +221,7 @@ class Contact(Interface):
             cpp.InitialActive.given if callable(choice) else _CHOICES[choice],
             _flags(choice, self.comm) if callable(choice) else None,
         )
+        options.balance = self._balance
         return options
 
     # -- Results -------------------------------------------------------------------

@@ -230,8 +230,9 @@ class Interface:
         return np.array(self._cpp.step.weights[self._index])
 
     def slave_dofs(self) -> npt.NDArray[np.int32]:
-        """Local slave nodes among the local dofs of the slave bodies, body after body."""
-        layout, blocks = self._owner().coupling.layout, np.array(self.data.slave.local_blocks)
+        """Owned slave nodes among the local dofs of the slave bodies, body after body."""
+        layout, slave = self._owner().coupling.layout, self.data.slave
+        blocks = np.array(slave.local_blocks[: slave.num_owned])
         dofs, at = np.empty_like(blocks), 0
         for body in self._bodies:
             start, size = layout.local_start(body), layout.num_local[body]

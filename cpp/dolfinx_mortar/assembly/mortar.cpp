@@ -114,6 +114,7 @@ NodalIntegrals dolfinx_mortar::integrate(const Interface& interface,
     out.facet_area[f] = r.area;
     out.nearest[f] = r.nearest;
     ++out.num_covered;
+    out.num_points += r.num_points;
     out.num_pairs += configuration.candidates.offsets[f + 1]
                      - configuration.candidates.offsets[f];
     add_sums(r, nodes, sums);

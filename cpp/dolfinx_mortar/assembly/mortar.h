@@ -60,8 +60,9 @@ struct NodalIntegrals
   /// master covers it; shape (num_facets)
   std::vector<double> nearest;
 
-  /// Number of facets of this rank that some master covers, and of pairs
-  std::int64_t num_covered = 0, num_pairs = 0;
+  /// Number of facets of this rank that some master covers, of pairs and of
+  /// quadrature points
+  std::int64_t num_covered = 0, num_pairs = 0, num_points = 0;
 
   /// Covered facets none of whose nodes carries a multiplier (left out), and
   /// the midpoint of the first of them

@@ -35,6 +35,10 @@ enum class Tag : int
   scatter = 4712
 };
 
+/// @brief What this process has received from others so far by the exchanges of
+/// this library [bytes].
+std::int64_t& received_bytes();
+
 /// @brief Send values to ranks that do not know yet that they will receive
 /// some. Collective.
 ///
@@ -53,6 +57,8 @@ RankData<T> exchange(MPI_Comm comm, const RankData<T>& send)
   MPI_Datatype type;
   MPI_Type_contiguous(sizeof(T), MPI_BYTE, &type);
   MPI_Type_commit(&type);
+  int own;
+  MPI_Comm_rank(comm, &own);
 
   std::vector<MPI_Request> requests(send.ranks.size());
   for (std::size_t i = 0; i < requests.size(); ++i)
@@ -76,6 +82,8 @@ RankData<T> exchange(MPI_Comm comm, const RankData<T>& send)
       std::vector<T> values(n);
       MPI_Recv(values.data(), n, type, status.MPI_SOURCE, tag, comm,
                MPI_STATUS_IGNORE);
+      if (status.MPI_SOURCE != own)
+        received_bytes() += n * sizeof(T);
       received.emplace_back(status.MPI_SOURCE, std::move(values));
     }
 

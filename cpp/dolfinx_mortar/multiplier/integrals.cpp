@@ -131,6 +131,7 @@ void FacetIntegrator::number_masters(const FacetList& list,
   std::vector<std::int64_t>& blocks = _result.master_blocks;
   blocks.clear();
   _result.dropped_area = 0;
+  _result.num_points = 0;
   _facet.pairs.clear();
   _facet.columns.resize(std::max(_facet.columns.size(), masters.size()));
   for (std::size_t p = 0; p < masters.size(); ++p)
@@ -138,6 +139,7 @@ void FacetIntegrator::number_masters(const FacetList& list,
     _result.dropped_area += _points[p].dropped_area;
     if (_points[p].w.empty())
       continue;
+    _result.num_points += _points[p].w.size();
     _facet.pairs.push_back(p);
     _facet.columns[p].clear();
     if (_facet.analytic)

@@ -47,6 +47,9 @@ struct FacetIntegrals
   /// Covered area; area of overlaps left out, see PairPoints
   double area = 0, dropped_area = 0;
 
+  /// Number of quadrature points
+  std::int64_t num_points = 0;
+
   /// Share of the facet's area that is left out and that no other master covers
   double lost = 0;
 

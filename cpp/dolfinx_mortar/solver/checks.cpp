@@ -76,12 +76,16 @@ std::vector<double> body_boxes(const Layout& layout,
   return boxes;
 }
 
-/// Body that each facet of a surface is on.
+/// Body that each facet of a surface is on. Collective.
 std::vector<std::int64_t> facet_bodies(const Layout& layout, const Surface& s)
 {
+  std::vector<std::int64_t> of_nodes(num_local_nodes(s), 0);
+  for (std::int32_t k = 0; k < s.num_owned; ++k)
+    of_nodes[k] = layout.parts[s.local_blocks[k]];
+  scatter_forward(s, std::span(of_nodes), 1);
   std::vector<std::int64_t> bodies;
   for (std::size_t f = 0; f < s.types.size(); ++f)
-    bodies.push_back(layout.parts[s.local_blocks[s.nodes[s.offsets[f]]]]);
+    bodies.push_back(of_nodes[s.nodes[s.offsets[f]]]);
   return bodies;
 }
 } // namespace

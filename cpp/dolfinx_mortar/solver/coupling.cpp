@@ -166,7 +166,7 @@ void assign(const Coupling& c, CoupledInterface& i, const Uses& uses,
   i.data.fixed.resize(3 * num);
   i.data.multipliers.assign(num, 0);
   std::vector<std::int8_t> candidates(num, 0);
-  for (std::size_t k = 0; k < num; ++k)
+  for (std::int32_t k = 0; k < s.num_owned; ++k)
   {
     std::copy_n(prescribed.begin() + 3 * s.local_blocks[k], 3,
                 i.data.fixed.begin() + 3 * k);

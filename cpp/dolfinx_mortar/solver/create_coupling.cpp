@@ -4,6 +4,7 @@
 #include "problem.h"
 #include <algorithm>
 #include <dolfinx_mortar/surface/patches.h>
+#include <dolfinx_mortar/surface/spread.h>
 #include <numbers>
 
 using namespace dolfinx_mortar;
@@ -42,6 +43,22 @@ LoadedTool create_loaded(const Layout& layout, std::size_t body,
   if (layout.num_owned[body] > 0)
     t.first_dof = 3 * layout.owned_start(body);
   return t;
+}
+
+/// Slave facets on all ranks from which on it pays to spread them (measured,
+/// see docs/performance.md).
+constexpr std::int64_t many_facets = 200;
+
+/// Whether to spread the slave facets of an interface over the ranks.
+/// Collective.
+bool is_to_be_spread(const InterfaceOptions& options, const Surface& slave)
+{
+  int size;
+  MPI_Comm_size(slave.comm, &size);
+  if (size == 1 or !options.contact or options.contact->reference_geometry)
+    return false;
+  const std::int64_t num = slave.types.size();
+  return options.balance.value_or(sum(slave.comm, num) >= many_facets);
 }
 
 /// Surface of a tool, which has no facets where it is analytic. Collective.
@@ -96,6 +113,8 @@ Coupling dolfinx_mortar::create_coupling(
     // An analytic tool has one normal at a node, whatever meets there
     if (i.contact and !(tool and tool->shape))
       slave = split_at_edges(slave, c.feature_angle);
+    if (is_to_be_spread(i, slave))
+      slave = spread_facets(slave);
     Surface master = tool ? create_master(layout, i, *tool)
                           : create_surface(layout, spaces, i.master, "master");
     c.space = i.space;

@@ -58,6 +58,12 @@ struct InterfaceOptions
   /// Nodes in contact when the first solve starts
   InitialActive initial_active;
 
+  /// Spread the integration of a contact evenly over all ranks, whatever the
+  /// partition of the bodies (see spread_facets); by default where it pays.
+  /// Contacts with reference geometry, which is integrated once, are left as
+  /// they are
+  std::optional<bool> balance;
+
   /// Positions of local slave and master nodes that a tie is integrated at,
   /// where they are not those of the mesh; shapes (n, 3)
   std::vector<double> x_slave, x_master;

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "boxes.h"
+#include <dolfinx_mortar/common/sorted.h>
 #include <numeric>
 
 using namespace dolfinx_mortar;
@@ -87,32 +88,57 @@ BoxTree dolfinx_mortar::create_tree(std::span<const Box> boxes)
   return tree;
 }
 //-----------------------------------------------------------------------------
+std::vector<Box> dolfinx_mortar::boxes_of_parts(const Surface& s,
+                                                std::span<const Box> facets)
+{
+  const std::vector<std::int32_t> one
+      = {0, static_cast<std::int32_t>(facets.size())};
+  const std::vector<std::int32_t>& parts = s.parts.empty() ? one : s.parts;
+  std::vector<Box> boxes(parts.size() - 1);
+  for (std::size_t p = 0; p < boxes.size(); ++p)
+  {
+    for (std::int32_t f = parts[p]; f < parts[p + 1]; ++f)
+      add(boxes[p], facets[f]);
+  }
+  return boxes;
+}
+//-----------------------------------------------------------------------------
 RankData<std::int32_t> dolfinx_mortar::boxes_near(MPI_Comm comm,
-                                                  const Box& wanted,
+                                                  std::span<const Box> wanted,
                                                   std::span<const Box> boxes)
 {
   int size;
   MPI_Comm_size(comm, &size);
-  std::vector<Box> of_ranks(size);
   static_assert(sizeof(Box) == 6 * sizeof(double));
-  MPI_Allgather(&wanted, 6, MPI_DOUBLE, of_ranks.data(), 6, MPI_DOUBLE, comm);
+  const int num = 6 * wanted.size();
+  std::vector<int> nums(size), first(size + 1, 0);
+  MPI_Allgather(&num, 1, MPI_INT, nums.data(), 1, MPI_INT, comm);
+  std::inclusive_scan(nums.begin(), nums.end(), first.begin() + 1);
+  std::vector<Box> all(first.back() / 6);
+  MPI_Allgatherv(wanted.data(), num, MPI_DOUBLE, all.data(), nums.data(),
+                 first.data(), MPI_DOUBLE, comm);
+  received_bytes() += (all.size() - wanted.size()) * sizeof(Box);
 
-  Box all;
-  for (const Box& b : boxes)
-    add(all, b);
+  const BoxTree tree = create_tree(boxes);
   RankData<std::int32_t> near;
   for (int r = 0; r < size; ++r)
   {
-    if (!meet(all, of_ranks[r]))
-      continue;
-    for (std::size_t i = 0; i < boxes.size(); ++i)
-      if (meet(boxes[i], of_ranks[r]))
-        near.values.push_back(i);
-    if (static_cast<std::int32_t>(near.values.size()) > near.offsets.back())
+    std::vector<std::int32_t> found;
+    for (int i = first[r] / 6; i < first[r + 1] / 6; ++i)
     {
-      near.ranks.push_back(r);
-      near.offsets.push_back(near.values.size());
+      query(tree, all[i],
+            [&](std::int32_t k)
+            {
+              if (meet(boxes[k], all[i]))
+                found.push_back(k);
+            });
     }
+    if (found.empty())
+      continue;
+    sort_unique(found);
+    near.ranks.push_back(r);
+    near.values.insert(near.values.end(), found.begin(), found.end());
+    near.offsets.push_back(near.values.size());
   }
   return near;
 }

@@ -3,6 +3,7 @@
 
 #pragma once
 
+#include "surface.h"
 #include <algorithm>
 #include <array>
 #include <cstdint>
@@ -75,28 +76,33 @@ void query(const BoxTree& tree, const Box& box, F&& fn)
   }
 }
 
-/// @brief Which of this rank's boxes meet the box around what each other rank
+/// @brief Boxes around the parts of a surface.
+/// @param[in] s Surface.
+/// @param[in] facets Box around each facet of this rank.
+std::vector<Box> boxes_of_parts(const Surface& s, std::span<const Box> facets);
+
+/// @brief Which of this rank's boxes meet those around what each other rank
 /// looks for. Collective.
 ///
-/// Every rank learns one box of every other rank.
+/// Every rank learns these of every other rank.
 ///
 /// @param[in] comm Communicator.
-/// @param[in] wanted Box around what this rank looks for.
+/// @param[in] wanted Boxes around what this rank looks for.
 /// @param[in] boxes Boxes of what this rank has.
-/// @return Indices of boxes, for each rank (this one included) whose box some
-/// of them meet.
-RankData<std::int32_t> boxes_near(MPI_Comm comm, const Box& wanted,
+/// @return Indices of boxes, ascending, for each rank (this one included) some
+/// of whose boxes they meet.
+RankData<std::int32_t> boxes_near(MPI_Comm comm, std::span<const Box> wanted,
                                   std::span<const Box> boxes);
 
-/// @brief What ranks have within the box around what this rank looks for.
+/// @brief What ranks have within the boxes around what this rank looks for.
 /// Collective.
 /// @param[in] comm Communicator.
-/// @param[in] wanted Box around what this rank looks for.
+/// @param[in] wanted Boxes around what this rank looks for.
 /// @param[in] items What this rank has.
 /// @param[in] boxes Box of each of these.
 /// @return Items of all ranks, this one included, by rank.
 template <typename T>
-std::vector<T> collect_near(MPI_Comm comm, const Box& wanted,
+std::vector<T> collect_near(MPI_Comm comm, std::span<const Box> wanted,
                             std::span<const T> items,
                             std::span<const Box> boxes)
 {

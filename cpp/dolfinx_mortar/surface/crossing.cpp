@@ -236,7 +236,7 @@ Depth look(const Motion& from, const Motion& at, std::optional<double> distance)
   auto extent = [&](double diameter) { return distance ? 0.0 : diameter; };
   const double extra = distance.value_or(0);
   std::vector<Point> all;
-  Box wanted;
+  std::vector<Box> around;
   auto box_of_point = [&](const Point& p)
   {
     Box box;
@@ -245,11 +245,14 @@ Depth look(const Motion& from, const Motion& at, std::optional<double> distance)
     return grown(box, extent(p.diameter) + extra);
   };
   for (std::size_t f = 0; f < from.surface.types.size(); ++f)
+  {
+    around.emplace_back();
     for (const Point& p : points(from, f))
     {
       all.push_back(p);
-      add(wanted, box_of_point(p));
+      add(around.back(), box_of_point(p));
     }
+  }
 
   auto boxes = [&](std::span<const Triangle> list)
   {
@@ -259,8 +262,9 @@ Depth look(const Motion& from, const Motion& at, std::optional<double> distance)
     return b;
   };
   const std::vector<Triangle> local = triangles(at);
-  const std::vector<Triangle> list = collect_near(
-      at.surface.comm, wanted, std::span<const Triangle>(local), boxes(local));
+  const std::vector<Triangle> list
+      = collect_near(at.surface.comm, boxes_of_parts(from.surface, around),
+                     std::span<const Triangle>(local), boxes(local));
   const BoxTree tree = create_tree(boxes(list));
 
   Depth deep;

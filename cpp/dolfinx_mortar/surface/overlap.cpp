@@ -150,7 +150,7 @@ Depth dolfinx_mortar::find_overlap(const Surface& slave,
                 MPI_MAX, slave.comm);
 
   std::vector<Ray> rays;
-  Box wanted;
+  std::vector<Box> around(slave.types.size());
   for (std::size_t f = 0; f < slave.types.size(); ++f)
   {
     if (!test[f])
@@ -165,13 +165,14 @@ Depth dolfinx_mortar::find_overlap(const Surface& slave,
     if (ray.length > 0)
     {
       rays.push_back(ray);
-      add(wanted, box_of(ray));
+      around[f] = box_of(ray);
     }
   }
 
   const auto [local, local_boxes] = triangles(master, x_master, master_bodies);
-  const std::vector<Triangle> near = collect_near(
-      slave.comm, wanted, std::span<const Triangle>(local), local_boxes);
+  const std::vector<Triangle> near
+      = collect_near(slave.comm, boxes_of_parts(slave, around),
+                     std::span<const Triangle>(local), local_boxes);
   std::vector<Box> near_boxes(near.size());
   for (std::size_t i = 0; i < near.size(); ++i)
     for (const Array& x : near[i].x)

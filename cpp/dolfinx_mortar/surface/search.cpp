@@ -182,10 +182,10 @@ void append(Facets& list, const Surface& s, std::span<const double> x,
 
 /// The facets of this rank, and those that other ranks send, that are near
 /// this rank's slave facets. Collective.
-/// @param[in] box Box around this rank's slave facets.
+/// @param[in] around Boxes around this rank's slave facets.
 /// @param[in] s,x,boxes Master surface, its positions, boxes of its facets.
-Facets collect(const Box& box, const Surface& s, std::span<const double> x,
-               std::span<const Box> boxes)
+Facets collect(std::span<const Box> around, const Surface& s,
+               std::span<const double> x, std::span<const Box> boxes)
 {
   int rank, size;
   MPI_Comm_rank(s.comm, &rank);
@@ -193,7 +193,7 @@ Facets collect(const Box& box, const Surface& s, std::span<const double> x,
   Facets near;
   RankData<Facet> facets;
   RankData<Node> nodes;
-  const RankData<std::int32_t> wanted = boxes_near(s.comm, box, boxes);
+  const RankData<std::int32_t> wanted = boxes_near(s.comm, around, boxes);
   for (std::size_t i = 0; i < wanted.ranks.size(); ++i)
   {
     Facets list;
@@ -373,10 +373,10 @@ Candidates dolfinx_mortar::find_candidates(const Surface& slave,
   const Reach reach
       = {distance ? std::optional(*distance * factor) : std::nullopt, factor};
   const std::vector<Outline> slaves = outlines(slave, x_slave);
-  Box wanted;
+  std::vector<Box> around;
   for (const Outline& o : slaves)
-    add(wanted, reach.around_slave(o));
-  const Facets near = collect(wanted, master, x_master,
+    around.push_back(reach.around_slave(o));
+  const Facets near = collect(boxes_of_parts(slave, around), master, x_master,
                               reach.around_masters(outlines(master, x_master)));
 
   const std::vector<std::int32_t> order = order_by_blocks(near);

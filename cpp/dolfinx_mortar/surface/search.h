@@ -68,9 +68,9 @@ struct Candidates
 /// A pair is a candidate if the bounding boxes of the facets are no further
 /// apart than the search distance (in any coordinate) and some of the normals
 /// of their sub-facets oppose. The boxes hold the facets entirely, also where
-/// these are curved and bulge beyond their nodes. Every rank learns the box of
-/// every other rank's slave facets; master facets travel only to the ranks
-/// whose box they meet.
+/// these are curved and bulge beyond their nodes. Every rank learns the boxes
+/// of the parts of every other rank's slave facets; master facets travel only
+/// to the ranks whose boxes they meet.
 ///
 /// @param[in] slave,master Surfaces.
 /// @param[in] x_slave,x_master Current positions of their local nodes, shape

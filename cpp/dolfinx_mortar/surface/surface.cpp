@@ -189,6 +189,7 @@ std::vector<T> exchange_values(MPI_Comm comm, std::span<const T> values, int bs,
               from.ranks[i], tag, comm, &requests[to.ranks.size() + i]);
   }
   MPI_Waitall(requests.size(), requests.data(), MPI_STATUSES_IGNORE);
+  received_bytes() += recv.size() * sizeof(T);
   return recv;
 }
 
@@ -325,7 +326,7 @@ std::vector<double> dolfinx_mortar::current_positions(const Surface& s,
 {
   std::string message;
   std::vector<double> x = s.X;
-  for (std::size_t i = 0; i < s.local_blocks.size() and message.empty(); ++i)
+  for (std::int32_t i = 0; i < s.num_owned and message.empty(); ++i)
   {
     const std::size_t block = s.local_blocks[i];
     if (3 * block + 3 > u.size())
@@ -345,5 +346,6 @@ std::vector<double> dolfinx_mortar::current_positions(const Surface& s,
     }
   }
   throw_on_all(s.comm, message);
+  scatter_forward(s, std::span(x), 3);
   return x;
 }

@@ -15,7 +15,8 @@ namespace dolfinx_mortar
 /// @brief One side of an interface: facets with their nodes, distributed over
 /// the ranks of a communicator.
 ///
-/// A facet belongs to the rank that owns its cell. Nodes are the nodes of the
+/// A facet belongs to the rank that owns its cell, but for surfaces from
+/// spread_facets. Nodes are the nodes of the
 /// displacement space on the facets; at edges there may be one for each of the
 /// smooth patches that meet there, see split_at_edges. The nodes a rank owns
 /// come first, the
@@ -36,6 +37,10 @@ struct Surface
   /// +1 where x,ξ₁ × x,ξ₂ points out of the body, -1 where it points into it
   std::vector<std::int8_t> orientation;
 
+  /// Compact parts: facets of part `p` are those from `parts[p]` to
+  /// `parts[p + 1]`. Empty where all facets of a rank are one part
+  std::vector<std::int32_t> parts;
+
   /// Number of nodes owned by this rank
   std::int32_t num_owned = 0;
 
@@ -54,7 +59,8 @@ struct Surface
   std::vector<std::int64_t> blocks;
 
   /// Index of each local node's block among the local blocks of the function
-  /// space of its body
+  /// space of its body; -1 where the rank does not have it, as it happens to
+  /// ghosts of surfaces from spread_facets
   std::vector<std::int32_t> local_blocks;
 
   /// Reference position of each local node, shape (num_nodes, 3)
@@ -141,8 +147,8 @@ void scatter_reverse_add(const Surface& s, std::span<T> values, int bs);
 
 /// @brief Current positions X + u of the local nodes. Collective.
 /// @param[in] s Surface.
-/// @param[in] u Displacement of the local (owned and ghost) blocks of the
-/// function space of the surface's body, shape (n, 3); ghosts up to date.
+/// @param[in] u Displacement of the local blocks of the function space of the
+/// surface's body, shape (n, 3); those of ghosts are not read.
 /// @return Positions, shape (num_local_nodes, 3).
 /// @throw std::runtime_error On all ranks, where a position is not finite or u
 /// is too short.
