@@ -44,7 +44,7 @@ def test_same_surface(kind, options):
 
     # As many everywhere, but for a part
     counts = comm.allgather(s.num_facets)
-    part = min(max(len(before) // (32 * comm.size), 1), 16)
+    part = min(max(len(before) // (128 * comm.size), 1), 16)
     assert max(counts) - min(counts) <= part
 
     # Nodes stay where they are, and ghosts are up to date

@@ -67,7 +67,7 @@ class Contact(Interface):
             with the sum of both normal forces. 180 averages normals over all edges.
         balance: Spread the integration evenly over all ranks, whatever the partition of the
             bodies; False leaves a facet to the rank that owns its cell. By default it is spread
-            from 200 slave facets on. With ``geometry="reference"``, which is integrated once, it
+            from 50 slave facets on. With ``geometry="reference"``, which is integrated once, it
             never is.
     """
 
@@ -127,7 +127,7 @@ class Contact(Interface):
                 raise ValueError(f"balance is {balance!r}, but must be True, False or None.")
             same["balance"] = balance
         self._feature_angle = float(feature_angle)
-        self._balance = balance
+        self._balance = None if balance is None else bool(balance)
         self._geometry = geometry
         self._c = (c_n, c_t)
         self._normal = direction

@@ -144,7 +144,7 @@ def main() -> None:
                 print(
                     f"| {name} | {ranks} | {rows[0]['facets']} | {setting} | {most:.2f} "
                     f"| {received.max(axis=1).mean():.0f} | {received.mean():.0f} "
-                    f"| {sum(row['iterations'] for row in rows)} | {result['seconds']:.1f} "
+                    f"| {sum(row['iterations'] for row in rows)} | {result['seconds']:.2f} "
                     f"| {change} |",
                     flush=True,
                 )

@@ -79,7 +79,7 @@ def elastic(level: int, options: dict) -> dict:
         k: value for k, value in options.items() if not k.startswith("snes")
     }
     with hertz.dm.ContactProblem(
-        F, u, bcs=bcs, interfaces=[far], petsc_options=settings
+        F, u, bcs=bcs, interfaces=[far], petsc_options=settings, jit_options=hertz.FAST
     ) as problem:
         start = cpu()
         problem.solve()

@@ -47,7 +47,7 @@ LoadedTool create_loaded(const Layout& layout, std::size_t body,
 
 /// Slave facets on all ranks from which on it pays to spread them (measured,
 /// see docs/performance.md).
-constexpr std::int64_t many_facets = 200;
+constexpr std::int64_t many_facets = 50;
 
 /// Whether to spread the slave facets of an interface over the ranks.
 /// Collective.

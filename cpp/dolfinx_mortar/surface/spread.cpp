@@ -15,10 +15,10 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-/// Parts of a rank: a contact zone on a tenth of the surface has about three of
+/// Parts of a rank: a contact zone on a tenth of the surface has a dozen of
 /// each. Parts of more facets than these have few edges compared with their
 /// areas already.
-constexpr std::int64_t parts_of_rank = 32;
+constexpr std::int64_t parts_of_rank = 128;
 constexpr std::int64_t most_facets = 16;
 
 /// A facet as it travels; its nodes travel beside it.
@@ -40,30 +40,63 @@ Box bounding_box(const Surface& s)
   return box;
 }
 
-/// Places of the middles of the facets of this rank on a Morton curve: the bits
-/// of their coordinates in a cube, in turn.
-std::vector<std::uint64_t> morton_codes(const Surface& s, const Box& box)
+/// Bits of a coordinate along the curve
+constexpr int bits = 20;
+
+/// Where a cell of a grid is along Hilbert's curve, with Skilling's algorithm
+/// (doi:10.1063/1.1751381).
+std::uint64_t along_curve(std::array<std::uint32_t, 3> x)
 {
-  constexpr int bits = 20;
+  for (std::uint32_t q = 1U << (bits - 1); q > 1; q >>= 1)
+  {
+    for (std::uint32_t& y : x)
+    {
+      const std::uint32_t t = (x[0] ^ y) & (q - 1);
+      if (y & q)
+        x[0] ^= q - 1;
+      else
+      {
+        x[0] ^= t;
+        y ^= t;
+      }
+    }
+  }
+  x[1] ^= x[0];
+  x[2] ^= x[1];
+  std::uint32_t t = 0;
+  for (std::uint32_t q = 1U << (bits - 1); q > 1; q >>= 1)
+  {
+    if (x[2] & q)
+      t ^= q - 1;
+  }
+  std::uint64_t code = 0;
+  for (int b = bits - 1; b >= 0; --b)
+  {
+    for (std::uint32_t y : x)
+      code = code << 1 | ((y ^ t) >> b & 1);
+  }
+  return code;
+}
+
+/// Where the middles of the facets of this rank are along the curve.
+/// @param[in] box Box around all nodes.
+std::vector<std::uint64_t> curve_codes(const Surface& s, const Box& box)
+{
   double side = 0;
   for (int c = 0; c < 3; ++c)
     side = std::max(side, box.upper[c] - box.lower[c]);
-  const double scale = side > 0 ? ((1 << bits) - 1) / side : 0.0;
+  const double last = (1U << bits) - 1, scale = side > 0 ? last / side : 0.0;
   std::vector<std::uint64_t> codes;
   for (std::size_t f = 0; f < s.types.size(); ++f)
   {
     const Eigen::Vector3d x = middle(s, s.X, f);
-    std::uint64_t code = 0;
+    std::array<std::uint32_t, 3> cell;
     for (int c = 0; c < 3; ++c)
     {
       // Middles may lie outside of the nodes' box where facets are curved
-      const double y = std::clamp((x[c] - box.lower[c]) * scale, 0.0,
-                                  static_cast<double>((1 << bits) - 1));
-      const auto cell = static_cast<std::uint64_t>(y);
-      for (int b = 0; b < bits; ++b)
-        code |= (cell >> b & 1) << (3 * b + c);
+      cell[c] = std::clamp((x[c] - box.lower[c]) * scale, 0.0, last);
     }
-    codes.push_back(code);
+    codes.push_back(along_curve(cell));
   }
   return codes;
 }
@@ -199,7 +232,7 @@ Surface dolfinx_mortar::spread_facets(const Surface& s)
   int size;
   MPI_Comm_size(s.comm, &size);
   const std::vector<std::int64_t> place
-      = places(s.comm, morton_codes(s, bounding_box(s)));
+      = places(s.comm, curve_codes(s, bounding_box(s)));
   std::int64_t num = s.types.size();
   MPI_Allreduce(MPI_IN_PLACE, &num, 1, MPI_INT64_T, MPI_SUM, s.comm);
   const std::int64_t part_size
