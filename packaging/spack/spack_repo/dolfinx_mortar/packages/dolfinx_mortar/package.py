@@ -1,6 +1,7 @@
 """The C++ library."""
 
 from spack.package import *
+from spack_repo.builtin.build_systems.cmake import CMakePackage
 
 
 class DolfinxMortar(CMakePackage):
@@ -17,7 +18,8 @@ class DolfinxMortar(CMakePackage):
     depends_on("pkgconfig", type="build")
     depends_on("eigen")
     depends_on("fenics-dolfinx@0.9: +petsc")
-    depends_on("petsc ~complex +double")
+    depends_on("mpi")
+    depends_on("petsc ~complex +double +mumps")
 
     conflicts("%gcc@:9", msg="C++20 is needed")
 
