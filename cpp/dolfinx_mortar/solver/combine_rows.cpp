@@ -58,9 +58,20 @@ std::size_t capacity(std::span<const RowTerm> terms, std::size_t num_unit)
   std::size_t size = num_unit;
   for (const RowTerm& t : terms)
   {
-    MatInfo info;
-    check(MatGetInfo(t.A, MAT_LOCAL, &info), "MatGetInfo");
-    size += static_cast<std::size_t>(info.nz_used);
+    if (t.rows.empty())
+    {
+      MatInfo info;
+      check(MatGetInfo(t.A, MAT_LOCAL, &info), "MatGetInfo");
+      size += static_cast<std::size_t>(info.nz_used);
+      continue;
+    }
+    PetscInt begin;
+    check(MatGetOwnershipRange(t.A, &begin, nullptr), "MatGetOwnershipRange");
+    for (std::size_t row = 0; row < t.rows.size(); ++row)
+    {
+      if (t.rows[row])
+        size += MatrixRow(t.A, begin + row).columns().size();
+    }
   }
   return size;
 }

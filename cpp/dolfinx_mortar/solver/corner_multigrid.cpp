@@ -4,6 +4,7 @@
 #include "corner_multigrid.h"
 #include <algorithm>
 #include <array>
+#include <dolfinx_mortar/common/unused_memory.h>
 
 using namespace dolfinx_mortar;
 
@@ -163,6 +164,7 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
 {
   Matrix A_corners = A->project(P.get());
   add(A_corners.get(), 1.0, more);
+  give_back_memory();
   check(MatSetBlockSize(A_corners.get(), 3), "MatSetBlockSize");
   check(MatSetNearNullSpace(A_corners.get(), modes), "MatSetNearNullSpace");
   check(MatSetOption(A_corners.get(), MAT_SYMMETRIC, PETSC_TRUE),

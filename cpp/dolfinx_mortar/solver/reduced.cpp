@@ -8,11 +8,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <dolfinx_mortar/common/unused_memory.h>
 #include <dolfinx_mortar/dolfinx/timer.h>
 #include <limits>
-#ifdef __GLIBC__
-#include <malloc.h>
-#endif
 
 using namespace dolfinx_mortar;
 
@@ -121,6 +119,7 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
     _multigrid->update(std::make_unique<ReducedOperator>(s, e, _W.get()));
   }
   _blocks = invert_constraints();
+  give_back_memory();
 }
 //-----------------------------------------------------------------------------
 bool ReducedPreconditioner::has_changed() const
@@ -170,11 +169,7 @@ void ReducedPreconditioner::set_up()
 {
   Timer timer("~mortar: set up");
   forget();
-#ifdef __GLIBC__
-  // What the last one was made of lies between what stays, and would not be
-  // given back
-  malloc_trim(0);
-#endif
+  give_back_memory();
   _constraints = num_constraints(*_e);
   _is_new = true;
   auto reduced = std::make_unique<ReducedOperator>(*_s, *_e, _W.get());
@@ -235,10 +230,11 @@ void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
   std::vector<std::int32_t> together;
   if (_s->tied or _R)
     together = followed_dofs(_comm, _W.get(), _s->fixed);
+  Matrix P = interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get());
+  give_back_memory();
   _multigrid = std::make_unique<CornerMultigrid>(
-      _comm, _prefix, std::move(A),
-      interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get()), U.get(),
-      modes.get(), std::move(together));
+      _comm, _prefix, std::move(A), std::move(P), U.get(), modes.get(),
+      std::move(together));
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_W() const
