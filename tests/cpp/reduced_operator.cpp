@@ -129,12 +129,20 @@ TEST_CASE("the operator of motions is the same as products and as a matrix",
   const Matrix rows = unit::from_dense(MPI_COMM_WORLD, P, b.first(),
                                        3 * nodes_of_rank, 6, false);
   const VectorXd w = unit::random(6 * b.size, 1, number);
-  const MatrixXd PAP = P.transpose() * b.A * P;
+  const std::vector<Entry> entries = {{0, 0, 2.0}, {1, 3, 0.5}};
+  const Matrix more = create_from_entries(MPI_COMM_WORLD, 6, 6, entries);
+  MatrixXd PAP = P.transpose() * b.A * P;
+  for (int q = 0; q < b.size; ++q)
+  {
+    PAP(6 * q, 6 * q) += 2;
+    PAP(6 * q + 1, 6 * q + 3) += 0.5;
+  }
   const VectorXd PAPw = PAP * w;
   const std::vector<double> own(w.data() + 6 * b.rank,
                                 w.data() + 6 * b.rank + 6),
       expected(PAPw.data() + 6 * b.rank, PAPw.data() + 6 * b.rank + 6);
-  CHECK(difference(multiply(A.project(rows.get()).get(), own), expected)
+  CHECK(difference(multiply(A.project(rows.get(), more.get()).get(), own),
+                   expected)
         < 1e-11 * PAP.cwiseAbs().maxCoeff());
 }
 

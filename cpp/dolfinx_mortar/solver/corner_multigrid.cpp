@@ -162,8 +162,7 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                                  std::vector<std::int32_t> together)
     : _comm(comm), _together(std::move(together))
 {
-  Matrix A_corners = A->project(P.get());
-  add(A_corners.get(), 1.0, more);
+  const Matrix A_corners = A->project(P.get(), more);
   give_back_memory();
   check(MatSetBlockSize(A_corners.get(), 3), "MatSetBlockSize");
   check(MatSetNearNullSpace(A_corners.get(), modes), "MatSetNearNullSpace");

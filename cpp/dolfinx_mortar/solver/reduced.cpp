@@ -28,7 +28,7 @@ Eigen::Map<const Vector3d> block(std::span<const double> v, std::size_t node)
 // changed cost iterations, and so does what has become of the bodies'
 // stiffness; a new one costs as much as a dozen of them.
 constexpr std::int64_t most_changed = 40;
-constexpr double most_share = 0.1; // of those with constraints
+constexpr double most_share = 0.25; // of those with constraints
 constexpr double most_growth = 1.3, most_more = 4;
 
 /// An option that is true unless it is set.

@@ -119,15 +119,17 @@ Matrix ReducedOperator::assemble() const
   return A;
 }
 //-----------------------------------------------------------------------------
-Matrix ReducedOperator::project(Mat P) const
+Matrix ReducedOperator::project(Mat P, Mat more) const
 {
-  Matrix A, more;
+  Matrix A, changes;
   check(MatPtAP(_s->K.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT, A.put()),
         "MatPtAP");
-  check(
-      MatPtAP(_changes.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT, more.put()),
-      "MatPtAP");
-  add(A.get(), 1.0, more.get());
+  check(MatPtAP(_changes.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT,
+                changes.put()),
+        "MatPtAP");
+  // Small ones first
+  add(changes.get(), 1.0, more);
+  add(A.get(), 1.0, changes.get());
   return A;
 }
 //-----------------------------------------------------------------------------

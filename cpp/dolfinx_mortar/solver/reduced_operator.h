@@ -35,8 +35,8 @@ public:
   /// @brief A, as a matrix. Collective.
   Matrix assemble() const;
 
-  /// @brief Pᵀ A P for a P without rows of Dirichlet dofs. Collective.
-  Matrix project(Mat P) const;
+  /// @brief Pᵀ A P + more for a P without rows of Dirichlet dofs. Collective.
+  Matrix project(Mat P, Mat more) const;
 
   /// @brief Blocks of A at the diagonal, 3 x 3, of the owned nodes.
   std::vector<Eigen::Matrix3d> blocks() const;
