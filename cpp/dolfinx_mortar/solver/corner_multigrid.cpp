@@ -201,18 +201,15 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
   check(PCSetOptionsPrefix(pc, prefix.c_str()), "PCSetOptionsPrefix");
   check(PCSetFromOptions(pc), "PCSetFromOptions");
   update(std::move(A));
+  check(PCSetOperators(_pc.get(), _shell.get(), _shell.get()),
+        "PCSetOperators");
+  check(PCSetUp(_pc.get()), "PCSetUp");
 }
 //-----------------------------------------------------------------------------
 void CornerMultigrid::update(std::unique_ptr<ReducedOperator> A)
 {
   _operator = std::move(A);
   _blocks = std::make_unique<DiagonalBlocks>(_comm, *_operator, _together);
-  // A changed operator is one that has been assembled
-  check(MatAssemblyBegin(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyBegin");
-  check(MatAssemblyEnd(_shell.get(), MAT_FINAL_ASSEMBLY), "MatAssemblyEnd");
-  check(PCSetOperators(_pc.get(), _shell.get(), _shell.get()),
-        "PCSetOperators");
-  check(PCSetUp(_pc.get()), "PCSetUp");
 }
 //-----------------------------------------------------------------------------
 PetscErrorCode CornerMultigrid::multiply(Mat A, Vec x, Vec y)
