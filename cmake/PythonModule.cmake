@@ -102,6 +102,7 @@ set_source_files_properties(
 )
 target_link_libraries(cpp PRIVATE dolfinx_mortar Eigen3::Eigen)
 target_compile_options(cpp PRIVATE ${MORTAR_COMPILE_OPTIONS})
+target_compile_definitions(cpp PRIVATE MORTAR_VERSION="${PROJECT_VERSION}")
 target_include_directories(cpp SYSTEM PRIVATE ${MORTAR_PETSC4PY_INCLUDE_DIR})
 
 # <build>/python is ready for PYTHONPATH: the extension, and links to the Python

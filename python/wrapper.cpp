@@ -18,6 +18,7 @@ void wrap_problem(nb::module_& m);
 NB_MODULE(cpp, m)
 {
   m.doc() = "Mortar coupling of finite element surfaces: C++ library";
+  m.attr("version") = MORTAR_VERSION;
   // Each needs the types of those before, whose names are in its signatures
   wrap_facets(m);
   wrap_surface(m);

@@ -7,6 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+import dolfinx_mortar as dm
 import pytest
 
 pytest.importorskip("tomllib", reason="Python is older than 3.11")
@@ -176,6 +177,7 @@ def test_versions():
     version = found("CMakeLists.txt", r"^  VERSION (\d+\.\d+\.\d+)$")
     assert found("packaging/conda/recipe.yaml", r'^  version: "(.*)"$') == version
     assert found(".github/ISSUE_TEMPLATE/bug.yml", r"dolfinx_mortar (\d\S*),") == version
+    assert (dm.__version__,) == version
     newest = found("CHANGELOG.md", r"^## (\d\S*) - (\d{4}-\d\d-\d\d)$")
     assert newest[:1] == version
     assert found("CITATION.cff", r"^version: (.*)\ndate-released: (.*)$") == newest

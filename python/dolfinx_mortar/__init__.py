@@ -37,6 +37,8 @@ from .problem import ContactProblem
 from .relocation import adjust, relocate
 from .tools import RigidCylinder, RigidPlane, RigidSphere, RigidSurface, RigidTool
 
+__version__: str = cpp.version
+
 __all__ = [
     "Contact",
     "ContactProblem",
