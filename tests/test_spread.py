@@ -4,12 +4,15 @@
 
 from mpi4py import MPI
 
+import cases
 import dolfinx_mortar as dm
 import numpy as np
 import oracle
 import pytest
 import ufl
+from blocks import FACES, block
 from distributed import distribute
+from dolfinx import fem
 from dolfinx_mortar import cpp
 from pressed import pressed
 from test_bad_input import fails
@@ -57,8 +60,8 @@ def test_same_surface(kind, options):
     for a, b in ((s.blocks, d.surface.blocks), (s.X, d.surface.X), (s.numbers, d.surface.numbers)):
         np.testing.assert_array_equal(a[:n], b[:n])
     position = dict(zip(d.block.tolist(), source.x, strict=True))
-    for block, x in zip(s.blocks.tolist(), s.X, strict=True):
-        np.testing.assert_array_equal(position[block], x)
+    for number, x in zip(s.blocks.tolist(), s.X, strict=True):
+        np.testing.assert_array_equal(position[number], x)
     count = np.zeros(s.num_nodes)
     np.add.at(count, s.nodes, 1.0)
     cpp.scatter_reverse_add(s, count)
@@ -150,6 +153,27 @@ def test_same_results(options):
     assert found[0] == iterations
     np.testing.assert_allclose(found[1], expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
     assert found[2] == (comm.size > 1)
+
+
+def test_many_facets_are_spread():
+    """By default, from 50 on."""
+    for cells, spread in ((7, False), (8, True)):
+        parts = [
+            block("upper", "hex8", (0.1, 0.1, 1.0), (0.9, 0.9, 1.5), (cells, cells, 1)),
+            block("lower", "hex8", (0.0, 0.0, 0.5), (1.0, 1.0, 1.0), (2, 2, 1)),
+        ]
+        bodies = cases._bodies(comm, parts, False)[0]
+        sides = [
+            [(b.V, b.facet_tags, FACES[face])] for b, face in zip(bodies, ("z-", "z+"), strict=True)
+        ]
+        contact = dm.Contact(slave=sides[0], master=sides[1])
+        u = [fem.Function(b.V) for b in bodies]
+        F = [
+            ufl.inner(ufl.grad(w), ufl.grad(ufl.TestFunction(w.function_space))) * ufl.dx for w in u
+        ]
+        dm.ContactProblem(F, u, interfaces=[contact])
+        found = comm.allreduce(bool(len(contact.data.slave.parts)), op=MPI.LOR)
+        assert found == (spread and comm.size > 1)
 
 
 def test_what_is_not_spread():

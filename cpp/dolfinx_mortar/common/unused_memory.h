@@ -7,8 +7,8 @@ namespace dolfinx_mortar
 {
 /// @brief Give memory that has been freed back to the operating system.
 ///
-/// MPI libraries may keep the C library from asking for large arrays one by one
-/// (Open MPI's hooks do), so that what temporary matrices leave lies between
-/// what stays: a fifth of all memory of large problems.
+/// A library may have all arrays come from one heap, however large they are, as
+/// one that Debian's PETSc loads does. What temporary matrices leave lies
+/// between what stays then: a tenth of all memory of large problems.
 void give_back_memory();
 } // namespace dolfinx_mortar

@@ -164,7 +164,8 @@ deal(const Surface& s, std::span<const std::int64_t> place,
 
 /// Give a surface its facets, in the order of the curve, and the parts these
 /// form.
-/// @return Numbers of the nodes of all facets.
+/// @param[in] facets,nodes What has arrived, see deal.
+/// @return Numbers of the nodes of all facets, one facet after the other.
 std::vector<std::int64_t> set_facets(Surface& s,
                                      std::span<const PlacedFacet> facets,
                                      std::span<const std::int64_t> nodes,
