@@ -87,17 +87,30 @@ void wrap_results(nb::module_& m)
             "Points on the master facet, shape (num_points, 2).", 2);
   def_array(p, "w", &PairPoints::w,
             "Weights times surface measure of the slave facet.");
-  p.def_prop_ro(
-       "d",
-       [](const PairPoints& self)
+  p.def(
+       "differentiate",
+       [](const PairPoints& self, In<double> C, int num_slave, int num_master)
        {
-         const std::size_t n = self.w.size();
-         return view(self, self.d.data(),
-                     {n, 5, n ? self.d.size() / (5 * n) : 0});
+         const std::size_t rows = 5 * self.w.size();
+         const std::size_t num = rows > 0 ? C.size() / rows : 0;
+         const std::size_t width = 3 * (num_slave + num_master);
+         check_size(C, rows * num, "derivatives of sums");
+         // The library wants a multiple of four sums
+         const std::size_t padded = (num + 3) / 4 * 4;
+         std::vector<double> given(rows * padded, 0.0), d(width * padded, 0.0);
+         for (std::size_t i = 0; i < rows; ++i)
+           std::copy_n(C.data() + num * i, num, given.begin() + padded * i);
+         self.differentiate(given, padded, num_slave, num_master, d);
+         for (std::size_t i = 0; i < width; ++i)
+           std::copy_n(d.begin() + padded * i, num, d.begin() + num * i);
+         d.resize(width * num);
+         return as_array(std::move(d), {width, num});
        },
-       "Derivatives of (xi, eta, w) by the positions of the slave nodes, then "
-       "of the master nodes, shape (num_points, 5, 3 (n + m)); empty unless "
-       "asked for.")
+       nb::arg("C"), nb::arg("num_slave"), nb::arg("num_master"),
+       "Derivatives of sums over the points by the positions of the nodes of "
+       "the slave, then of the master, shape (3 (num_slave + num_master), "
+       "num_sums), from those by (xi, eta, w), shape (num_points, 5, "
+       "num_sums).")
       .def_ro("dropped_area", &PairPoints::dropped_area,
               "Area of parts of the overlap that are left out.");
 

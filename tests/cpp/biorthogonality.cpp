@@ -57,7 +57,7 @@ VectorXd shape_integrals(FacetType type, const std::vector<double>& x)
   for (std::size_t q = 0; q < rule.weights.size(); ++q)
   {
     SurfacePoint p;
-    evaluate({type, 1, x}, {rule.points[2 * q], rule.points[2 * q + 1]}, 1, p);
+    evaluate({type, 1, x}, {rule.points[2 * q], rule.points[2 * q + 1]}, p);
     integrals += rule.weights[q] * p.a1.cross(p.a2).norm()
                  * Eigen::Map<const VectorXd>(p.s.N.data(), num_nodes(type));
   }

@@ -51,10 +51,11 @@ void find_nearest(const Vec3& x, const Vec3& n,
           > 1.5)
         continue;
       std::array<double, 2> eta = m.guess(x, n);
-      if (!project(master, x, n, eta, 1, point, L)
+      if (!project(master, x, n, eta, point, L)
           or !in_reference(master.type, eta, 1e-10))
         continue;
-      if (cosine < limits.part or !opposes(master, point, n, limits.point))
+      if (cosine < limits.part
+          or !opposes(master, point.a1, point.a2, n, limits.point))
       {
         hit.steep = i;
         continue;
@@ -82,7 +83,7 @@ void dolfinx_mortar::append_element_points(const FacetView& slave,
   {
     const std::array<double, 2> xi
         = {rule.points[2 * q], rule.points[2 * q + 1]};
-    evaluate(slave, xi, 1, qs);
+    evaluate(slave, xi, qs);
     const Vec3 c = qs.a1.cross(qs.a2);
     const double norm_c = c.norm();
     if (!(norm_c > 0))

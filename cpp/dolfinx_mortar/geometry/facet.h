@@ -79,18 +79,22 @@ constexpr std::array<std::array<int, 2>, 4> edge_corners(FacetType type)
 /// @return Array of shape (num_nodes, 2), row-major.
 std::span<const double> node_coordinates(FacetType type);
 
-/// @brief Shape functions and their derivatives at a point.
-struct Shapes
+/// @brief Shape functions and their derivatives at a point, or at several (T).
+template <typename T>
+struct ShapesOf
 {
   /// Values N_k
-  std::array<double, max_facet_nodes> N;
+  std::array<T, max_facet_nodes> N;
 
   /// First derivatives ∂N_k/∂ξ₁, ∂N_k/∂ξ₂
-  std::array<std::array<double, max_facet_nodes>, 2> dN;
+  std::array<std::array<T, max_facet_nodes>, 2> dN;
 
   /// Second derivatives ∂²N_k/∂ξ₁², ∂²N_k/∂ξ₁∂ξ₂, ∂²N_k/∂ξ₂²
-  std::array<std::array<double, max_facet_nodes>, 3> ddN;
+  std::array<std::array<T, max_facet_nodes>, 3> ddN;
 };
+
+/// @brief The same at one point.
+using Shapes = ShapesOf<double>;
 
 /// @brief Evaluate the shape functions of a facet.
 /// @param[in] type Facet type.

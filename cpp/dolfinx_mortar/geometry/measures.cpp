@@ -29,7 +29,7 @@ double dolfinx_mortar::facet_area(const FacetView& f,
   double area = 0;
   for (std::size_t q = 0; q < rule.weights.size(); ++q)
   {
-    evaluate(f, {rule.points[2 * q], rule.points[2 * q + 1]}, 1, p);
+    evaluate(f, {rule.points[2 * q], rule.points[2 * q + 1]}, p);
     area += rule.weights[q] * p.a1.cross(p.a2).norm();
   }
   return area;

@@ -5,6 +5,7 @@
 
 #include "projection.h"
 #include "quadrature.h"
+#include "segment_derivative.h"
 #include <span>
 #include <vector>
 
@@ -28,8 +29,11 @@ struct PairPoints
 
   /// Derivatives of (ξ₁, ξ₂, η₁, η₂, w) with respect to the positions of the
   /// slave nodes, then of the master nodes, shape (num_points, 5, 3 (n_s +
-  /// n_m)); empty unless asked for
+  /// n_m)); empty unless asked for, and for segments
   std::vector<double> d;
+
+  /// The same for segments, as what they are made of
+  SegmentDerivative segments;
 
   /// On an analytic tool, in place of `eta`: functions of its frame at the
   /// closest point, and their derivatives along two tangents there, shape
@@ -43,12 +47,18 @@ struct PairPoints
   /// too steep, and points with no place on the master
   double dropped_area = 0;
 
+  /// @brief Derivatives of sums over the points by the positions of the nodes,
+  /// see SegmentDerivative::add.
+  void differentiate(std::span<const double> C, int num_sums, int num_s,
+                     int num_m, std::span<double> by_positions) const;
+
   void clear()
   {
     xi.clear();
     eta.clear();
     w.clear();
     d.clear();
+    segments.clear();
     frame.clear();
     normals.clear();
     dropped_area = 0;

@@ -12,9 +12,9 @@ using namespace dolfinx_mortar;
 
 //-----------------------------------------------------------------------------
 void dolfinx_mortar::evaluate(const FacetView& f, std::array<double, 2> xi,
-                              int order, SurfacePoint& p)
+                              SurfacePoint& p)
 {
-  tabulate(f.type, xi, order, p.s);
+  tabulate(f.type, xi, 1, p.s);
   p.x.setZero();
   p.a1.setZero();
   p.a2.setZero();
@@ -25,15 +25,6 @@ void dolfinx_mortar::evaluate(const FacetView& f, std::array<double, 2> xi,
     p.a1 += p.s.dN[0][k] * xk;
     p.a2 += p.s.dN[1][k] * xk;
   }
-}
-//-----------------------------------------------------------------------------
-Vec3 dolfinx_mortar::second_derivative(const FacetView& f, const Shapes& s,
-                                       int ij)
-{
-  Vec3 x = Vec3::Zero();
-  for (int k = 0; k < num_nodes(f.type); ++k)
-    x += s.ddN[ij][k] * node(f, k);
-  return x;
 }
 //-----------------------------------------------------------------------------
 Mat23 dolfinx_mortar::pullback(const Vec3& a1, const Vec3& a2, const Vec3& n)
@@ -126,12 +117,12 @@ AngleLimits::AngleLimits(double max_angle)
 }
 //-----------------------------------------------------------------------------
 bool dolfinx_mortar::project(const FacetView& f, const Vec3& p, const Vec3& n,
-                             std::array<double, 2>& xi, int order,
-                             SurfacePoint& point, Mat23& L)
+                             std::array<double, 2>& xi, SurfacePoint& point,
+                             Mat23& L)
 {
   for (int it = 0; it < 25; ++it)
   {
-    evaluate(f, xi, 1, point);
+    evaluate(f, xi, point);
     L = pullback(point.a1, point.a2, n);
     const Eigen::Vector2d step = L * (p - point.x);
     const double size = step.lpNorm<Eigen::Infinity>();
@@ -141,9 +132,9 @@ bool dolfinx_mortar::project(const FacetView& f, const Vec3& p, const Vec3& n,
     xi[1] += step[1];
     if (size < 1e-8)
     {
-      if (size > 1e-15 or order > 1)
+      if (size > 1e-15)
       {
-        evaluate(f, xi, order, point);
+        evaluate(f, xi, point);
         L = pullback(point.a1, point.a2, n);
       }
       return true;
@@ -152,10 +143,10 @@ bool dolfinx_mortar::project(const FacetView& f, const Vec3& p, const Vec3& n,
   return false;
 }
 //-----------------------------------------------------------------------------
-bool dolfinx_mortar::opposes(const FacetView& f, const SurfacePoint& point,
+bool dolfinx_mortar::opposes(const FacetView& f, const Vec3& a1, const Vec3& a2,
                              const Vec3& n, double cosine)
 {
-  const Vec3 c = f.orientation * point.a1.cross(point.a2);
+  const Vec3 c = f.orientation * a1.cross(a2);
   return c.dot(n) < -cosine * c.norm();
 }
 //-----------------------------------------------------------------------------

@@ -42,13 +42,7 @@ struct SurfacePoint
 };
 
 /// @brief Evaluate a point of a facet.
-/// @param[in] order Highest derivative of the shape functions to evaluate, 1 or
-/// 2.
-void evaluate(const FacetView& f, std::array<double, 2> xi, int order,
-              SurfacePoint& p);
-
-/// @brief x,ξ_iξ_j with i + j = `ij`
-Vec3 second_derivative(const FacetView& f, const Shapes& s, int ij);
+void evaluate(const FacetView& f, std::array<double, 2> xi, SurfacePoint& p);
 
 /// @brief First two rows of the inverse of [a₁ a₂ -n]: the map from a change of
 /// position to the change of (ξ₁, ξ₂) along n.
@@ -92,16 +86,14 @@ struct AngleLimits
 
 /// @brief Map a point p along n to a facet: x(ξ) = p + α n.
 /// @param[in,out] xi Starting point, and where the point arrives.
-/// @param[in] order Highest derivative to evaluate there, 1 or 2.
 /// @return False where the iteration does not converge. It may arrive beyond
 /// the facet, even on another sheet of its surface.
 bool project(const FacetView& f, const Vec3& p, const Vec3& n,
-             std::array<double, 2>& xi, int order, SurfacePoint& point,
-             Mat23& L);
+             std::array<double, 2>& xi, SurfacePoint& point, Mat23& L);
 
-/// @brief True where the outward normal at a point of a facet opposes n, up to
-/// an angle whose cosine is given.
-bool opposes(const FacetView& f, const SurfacePoint& point, const Vec3& n,
+/// @brief True where the outward normal of a facet, at a point with tangents a₁
+/// and a₂, opposes n, up to an angle whose cosine is given.
+bool opposes(const FacetView& f, const Vec3& a1, const Vec3& a2, const Vec3& n,
              double cosine);
 
 /// @throw std::runtime_error Always: slave facet `f` is folded near x.

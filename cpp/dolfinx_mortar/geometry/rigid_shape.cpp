@@ -129,7 +129,7 @@ void dolfinx_mortar::append_shape_points(const FacetView& slave,
   {
     const std::array<double, 2> xi
         = {rule.points[2 * q], rule.points[2 * q + 1]};
-    evaluate(slave, xi, 1, s);
+    evaluate(slave, xi, s);
     const Vec3 c = s.a1.cross(s.a2);
     const double measure = c.norm();
     if (!(measure > 0))

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: MIT
 
 #include "clip.h"
+#include "packed_points.h"
 #include "pair.h"
-#include "projection.h"
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -12,9 +12,6 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-using Row24 = Eigen::Matrix<double, 1, 24>;
-using Mat24 = Eigen::Matrix<double, 3, 24>;
-
 /// Corners closer to an edge than this, relative to the size of the slave
 /// sub-facet, lie on it.
 constexpr double clip_tolerance = 1e-9;
@@ -32,86 +29,6 @@ constexpr double reach = 0.1;
 
 /// The same for the slave facet, where such a point would be on a fold.
 constexpr double folded = 0.5;
-
-/// Derivative with respect to the corners of a pair of sub-facets (slave, then
-/// master, 3 columns each) of the corners of their overlap.
-Mat24 vertex_derivative(const ClipVertex& v, const LinearPart& s,
-                        const LinearPart& m, const Vec3& n, const Mat24& dn,
-                        Vec3& V)
-{
-  Mat24 dV = Mat24::Zero();
-  const int offset = 3 * s.size;
-  if (v.kind == ClipVertex::Kind::slave)
-  {
-    V = s.corners[v.slave];
-    dV.block<3, 3>(0, 3 * v.slave).setIdentity();
-  }
-  else if (v.kind == ClipVertex::Kind::master)
-  {
-    V = m.corners[v.master];
-    dV.block<3, 3>(0, offset + 3 * v.master).setIdentity();
-  }
-  else
-  {
-    // Point y_c + t (y_d - y_c) of the master edge in the plane through the
-    // slave edge x_a, x_b and n: (y_c + t (y_d - y_c) - x_a)·e = 0 with
-    // e = n × (x_b - x_a)
-    const int a = v.slave, b = (v.slave + 1) % s.size;
-    const int c = v.master, d = (v.master + 1) % m.size;
-    const Vec3 ab = s.corners[b] - s.corners[a];
-    const Vec3 cd = m.corners[d] - m.corners[c];
-    const Vec3 e = n.cross(ab);
-    const double denominator = cd.dot(e);
-    const double t = (s.corners[a] - m.corners[c]).dot(e) / denominator;
-    V = m.corners[c] + t * cd;
-    // dt (cd·e) = (dx_a - (1-t) dy_c - t dy_d)·e - (V - x_a)·de
-    const Vec3 r = V - s.corners[a];
-    Row24 dt = Row24::Zero();
-    // de = dn × ab + n × (dx_b - dx_a);  r·(dn × ab) = dn·(ab × r),
-    // r·(n × dx) = dx·(r × n)
-    dt.noalias() -= ab.cross(r).transpose() * dn;
-    const Vec3 rn = r.cross(n);
-    dt.segment<3>(3 * a) += (e + rn).transpose();
-    dt.segment<3>(3 * b) -= rn.transpose();
-    dt.segment<3>(offset + 3 * c) -= (1 - t) * e.transpose();
-    dt.segment<3>(offset + 3 * d) -= t * e.transpose();
-    dt /= denominator;
-    dV.noalias() = cd * dt;
-    dV.block<3, 3>(0, offset + 3 * c).diagonal().array() += 1 - t;
-    dV.block<3, 3>(0, offset + 3 * d).diagonal().array() += t;
-  }
-  return dV;
-}
-
-Vec3 vertex_position(const ClipVertex& v, const LinearPart& s,
-                     const LinearPart& m, const Vec3& n)
-{
-  if (v.kind == ClipVertex::Kind::slave)
-    return s.corners[v.slave];
-  if (v.kind == ClipVertex::Kind::master)
-    return m.corners[v.master];
-  const Vec3& xa = s.corners[v.slave];
-  const Vec3& yc = m.corners[v.master];
-  const Vec3 cd = m.corners[(v.master + 1) % m.size] - yc;
-  const Vec3 e = n.cross(s.corners[(v.slave + 1) % s.size] - xa);
-  return yc + ((xa - yc).dot(e) / cd.dot(e)) * cd;
-}
-
-/// The derivative of log(|c| / |c·n|), c = a₁ × a₂.
-struct MeasureDerivative
-{
-  Vec3 A, B, C; // d = A·da₁ + B·da₂ - C·dn
-
-  MeasureDerivative(const SurfacePoint& p, const Vec3& n)
-  {
-    const Vec3 c = p.a1.cross(p.a2);
-    const double cn = c.dot(n);
-    const Vec3 r = c / c.squaredNorm() - n / cn;
-    A = p.a2.cross(r);
-    B = r.cross(p.a1);
-    C = c / cn;
-  }
-};
 
 using PlanePoint = std::array<double, 2>;
 
@@ -192,170 +109,177 @@ struct PolygonAreas
   }
 };
 
+/// Starting points of the projection to a facet: the places on its linear part.
+struct Guess
+{
+  Vec3 centre;
+  Eigen::Vector2d xi;
+  Mat23 L;
+
+  Guess(const LinearPart& part, const Vec3& n)
+      : centre(part.centre), xi(part.xi),
+        L(part.r1 * pullback(part.t1, part.t2, n).row(0)
+          + part.r2 * pullback(part.t1, part.t2, n).row(1))
+  {
+  }
+
+  void set(const PackVec3& p, std::array<Pack, 2>& out) const
+  {
+    for (int a = 0; a < 2; ++a)
+    {
+      out[a] = constant<Pack>(xi[a]);
+      for (int i = 0; i < 3; ++i)
+        out[a] += L(a, i) * (p[i] - centre[i]);
+    }
+  }
+};
+
 /// Two linear parts that overlap, and the facets that they are parts of.
 struct PartPair
 {
   const FacetView &slave, &master;
-  const LinearPart& s;
-  const LinearPart& m; // corners counter-clockwise about the slave's normal
-  const Mat24* dn;     // derivative of the slave's normal, or none
+  const LinearPart &s, &m; // corners counter-clockwise about the slave's normal
+  Guess guess_s, guess_m;
 };
 
-/// Corners of an overlap, and their derivatives where these are wanted.
-struct Corners
+/// Four points of a triangle of an overlap, on both facets.
+struct MappedPack
 {
-  std::array<Vec3, 16> V;
-  std::array<Mat24, 16> dV;
-
-  Corners(const PartPair& pair, const ClipPolygon& polygon)
-  {
-    for (int i = 0; i < polygon.size; ++i)
-    {
-      const ClipVertex& v = polygon.vertices[i];
-      if (pair.dn)
-        dV[i] = vertex_derivative(v, pair.s, pair.m, pair.s.n, *pair.dn, V[i]);
-      else
-        V[i] = vertex_position(v, pair.s, pair.m, pair.s.n);
-    }
-  }
+  std::array<Pack, 3> b; // coordinates in the triangle
+  Pack weight;           // of the rule, times twice the area
+  PackVec3 p;            // in the plane
+  PackedPoint s, m;
 };
 
-/// The triangle of corners 0, i and i + 1 of an overlap.
-struct Triangle
+/// Append one of four points.
+/// @param[in] triangle Triangle of the record of derivatives, or -1.
+void append_point(const PartPair& pair, const MappedPack& pack, int lane,
+                  int triangle, PairPoints& points)
 {
-  const Corners& corners;
-  int i;
-  Vec3 E1, E2;   // edges from corner 0
-  double area2;  // twice its area
-  Row24 d_area2; // set where derivatives are wanted
-
-  Triangle(const PartPair& pair, const Corners& corners, int i)
-      : corners(corners), i(i), E1(corners.V[i] - corners.V[0]),
-        E2(corners.V[i + 1] - corners.V[0])
-  {
-    const Vec3& n = pair.s.n;
-    const Vec3 E12 = E1.cross(E2);
-    area2 = E12.dot(n);
-    if (pair.dn and area2 > 0)
-    {
-      const auto& dV = corners.dV;
-      d_area2 = E12.transpose() * *pair.dn
-                + E2.cross(n).transpose() * (dV[i] - dV[0])
-                + n.cross(E1).transpose() * (dV[i + 1] - dV[0]);
-    }
-  }
-};
-
-/// A quadrature point of a triangle, mapped to both facets.
-struct MappedPoint
-{
-  double b1, b2;  // where it is in the triangle
-  double weight;  // of the rule
-  double measure; // area of the slave facet by area of the plane
-  double w;       // weight on the slave facet
-  Vec3 p;         // in the plane
-  SurfacePoint s, m;
-  Mat23 Ls, Lm; // see pullback
-};
-
-/// Append the derivatives of (ξ₁, ξ₂, η₁, η₂, w) at a point.
-void append_derivative(const PartPair& pair, const Triangle& triangle,
-                       const MappedPoint& q, std::vector<double>& d)
-{
-  const int num_s = num_nodes(pair.slave.type);
-  const int num_m = num_nodes(pair.master.type);
-  const int nd = 3 * (num_s + num_m);
-  const std::size_t at = d.size();
-  d.resize(at + 5 * nd, 0.0);
-  Eigen::Map<Eigen::Matrix<double, 5, Eigen::Dynamic, Eigen::RowMajor>> T(
-      d.data() + at, 5, nd);
-
-  // By the corners of the parts
+  auto at = [lane](const PackVec3& v)
+  { return Vec3(v[0][lane], v[1][lane], v[2][lane]); };
   const Vec3& n = pair.s.n;
-  const Mat24& dn = *pair.dn;
-  const auto& dV = triangle.corners.dV;
-  const double alpha = n.dot(q.s.x - q.p), beta = n.dot(q.m.x - q.p);
-  const Mat24 dp = (1 - q.b1 - q.b2) * dV[0] + q.b1 * dV[triangle.i]
-                   + q.b2 * dV[triangle.i + 1];
-  Eigen::Matrix<double, 5, 24> S;
-  S.topRows<2>().noalias() = q.Ls * (dp + alpha * dn);
-  S.middleRows<2>(2).noalias() = q.Lm * (dp + beta * dn);
-  const MeasureDerivative dm(q.s, n);
-  S.row(4) = (q.weight * q.measure) * triangle.d_area2
-             - q.w * (dm.C.transpose() * dn);
-  for (int j = 0; j < pair.s.size + pair.m.size; ++j)
+  const Vec3 a1 = at(pack.s.a1), a2 = at(pack.s.a2), c = a1.cross(a2);
+  const double cn = c.dot(n);
+  const double w = pack.weight[lane] * (c.norm() / std::abs(cn));
+  for (int a = 0; a < 2; ++a)
   {
-    const int k = j < pair.s.size ? pair.s.nodes[j]
-                                  : num_s + pair.m.nodes[j - pair.s.size];
-    T.middleCols<3>(3 * k) += S.middleCols<3>(3 * j);
+    points.xi.push_back(pack.s.xi[a][lane]);
+    points.eta.push_back(pack.m.xi[a][lane]);
   }
+  points.w.push_back(w);
+  if (triangle < 0)
+    return;
 
-  // The facets themselves move
-  for (int k = 0; k < num_s; ++k)
+  SegmentDerivative::Point& q = points.segments.points.emplace_back();
+  q.triangle = triangle;
+  q.w = w;
+  const Vec3 p = at(pack.p);
+  q.alpha = n.dot(at(pack.s.x) - p);
+  q.beta = n.dot(at(pack.m.x) - p);
+  for (int i = 0; i < 3; ++i)
   {
-    T.block<2, 3>(0, 3 * k) -= q.s.s.N[k] * q.Ls;
-    T.block<1, 3>(4, 3 * k)
-        += q.w * (q.s.s.dN[0][k] * dm.A + q.s.s.dN[1][k] * dm.B).transpose();
+    q.b[i] = pack.b[i][lane];
+    for (int a = 0; a < 2; ++a)
+    {
+      q.Ls(a, i) = pack.s.L[a][i][lane];
+      q.Lm(a, i) = pack.m.L[a][i][lane];
+    }
   }
-  for (int k = 0; k < num_m; ++k)
-    T.block<2, 3>(2, 3 * (num_s + k)) -= q.m.s.N[k] * q.Lm;
-  const Vec3 a11 = second_derivative(pair.slave, q.s.s, 0);
-  const Vec3 a12 = second_derivative(pair.slave, q.s.s, 1);
-  const Vec3 a22 = second_derivative(pair.slave, q.s.s, 2);
-  T.row(4) += q.w * (dm.A.dot(a11) + dm.B.dot(a12)) * T.row(0)
-              + q.w * (dm.A.dot(a12) + dm.B.dot(a22)) * T.row(1);
+  // The derivative of log(|c| / |c·n|)
+  const Vec3 r = c / c.squaredNorm() - n / cn;
+  q.a1 = a2.cross(r);
+  q.a2 = r.cross(a1);
+  q.c = c / cn;
+  const Vec3 a11 = at(pack.s.a11), a12 = at(pack.s.a12), a22 = at(pack.s.a22);
+  q.kappa = {q.a1.dot(a11) + q.a2.dot(a12), q.a1.dot(a12) + q.a2.dot(a22)};
+  for (int k = 0; k < num_nodes(pair.slave.type); ++k)
+  {
+    q.N[k] = pack.s.s.N[k][lane];
+    q.dN1[k] = pack.s.s.dN[0][k][lane];
+    q.dN2[k] = pack.s.s.dN[1][k][lane];
+  }
+  for (int k = 0; k < num_nodes(pair.master.type); ++k)
+    q.Nm[k] = pack.m.s.N[k][lane];
 }
 
-/// Points of a triangle of the overlap.
-void append_triangle_points(const PartPair& pair, const Triangle& triangle,
-                            const QuadratureRule& rule,
-                            const AngleLimits& limits, PairPoints& points)
+/// Append those of four points that have a place on the master.
+void append_pack(const PartPair& pair, const MappedPack& pack, int num,
+                 const AngleLimits& limits, int triangle, PairPoints& points)
 {
   const Vec3& n = pair.s.n;
-  MappedPoint point;
-  for (std::size_t q = 0; q < rule.weights.size(); ++q)
+  for (int i = 0; i < num; ++i)
   {
-    point.b1 = rule.points[2 * q];
-    point.b2 = rule.points[2 * q + 1];
-    point.weight = rule.weights[q];
-    const Vec3 p = triangle.corners.V[0] + point.b1 * triangle.E1
-                   + point.b2 * triangle.E2;
-    point.p = p;
-    std::array<double, 2> xi = pair.s.guess(p, n), eta = pair.m.guess(p, n);
-    if (!project(pair.slave, p, n, xi, pair.dn ? 2 : 1, point.s, point.Ls)
-        or !in_reference(pair.slave.type, xi, folded))
-      throw_folded(pair.slave, p);
-    if (!project(pair.master, p, n, eta, 1, point.m, point.Lm)
-        or !in_reference(pair.master.type, eta, reach)
-        or !opposes(pair.master, point.m, n, limits.point))
+    auto in = [i](FacetType type, const std::array<Pack, 2>& xi, double tol)
+    { return in_reference(type, {xi[0][i], xi[1][i]}, tol); };
+    if (!pack.s.found[i] or !in(pair.slave.type, pack.s.xi, folded))
+      throw_folded(pair.slave, Vec3(pack.p[0][i], pack.p[1][i], pack.p[2][i]));
+    const PackVec3 &a1 = pack.m.a1, &a2 = pack.m.a2;
+    if (!pack.m.found[i] or !in(pair.master.type, pack.m.xi, reach)
+        or !opposes(pair.master, Vec3(a1[0][i], a1[1][i], a1[2][i]),
+                    Vec3(a2[0][i], a2[1][i], a2[2][i]), n, limits.point))
     {
-      points.dropped_area += point.weight * triangle.area2;
+      points.dropped_area += pack.weight[i];
       continue;
     }
-
-    const Vec3 c = point.s.a1.cross(point.s.a2);
-    point.measure = c.norm() / std::abs(c.dot(n));
-    point.w = point.weight * triangle.area2 * point.measure;
-    points.xi.insert(points.xi.end(), xi.begin(), xi.end());
-    points.eta.insert(points.eta.end(), eta.begin(), eta.end());
-    points.w.push_back(point.w);
-    if (pair.dn)
-      append_derivative(pair, triangle, point, points.d);
+    append_point(pair, pack, i, triangle, points);
   }
 }
 
-/// Points of one pair of sub-facets.
-/// @param[in] dn Derivative of the slave's normal, where derivatives are
-/// wanted.
-void append_part_points(const FacetView& slave, const FacetView& master,
-                        const LinearPart& s, const LinearPart& m,
-                        const Mat24* dn, const QuadratureRule& rule,
-                        const AngleLimits& limits, PairPoints& points)
+/// Points of the triangle of corners 0, i and i + 1 of an overlap.
+/// @param[in] triangle See append_point.
+void append_triangle_points(const PartPair& pair, std::span<const Vec3> V,
+                            int i, double area2, const QuadratureRule& rule,
+                            const AngleLimits& limits, int triangle,
+                            PairPoints& points)
 {
-  const Plane plane(s);
-  const PlanePolygon ps = plane.project(s);
-  PlanePolygon pm = plane.project(m);
-  if (!ps.meets(pm))
+  const Vec3 &n = pair.s.n, E1 = V[i] - V[0], E2 = V[i + 1] - V[0];
+  const int num = rule.weights.size();
+  MappedPack pack;
+  for (int first = 0; first < num; first += pack_size)
+  {
+    for (int l = 0; l < pack_size; ++l)
+    {
+      const int q = std::min(first + l, num - 1);
+      const double b1 = rule.points[2 * q], b2 = rule.points[2 * q + 1];
+      pack.b[0][l] = 1 - b1 - b2;
+      pack.b[1][l] = b1;
+      pack.b[2][l] = b2;
+      pack.weight[l] = rule.weights[q] * area2;
+    }
+    for (int c = 0; c < 3; ++c)
+      pack.p[c] = V[0][c] + E1[c] * pack.b[1] + E2[c] * pack.b[2];
+    pair.guess_s.set(pack.p, pack.s.xi);
+    pair.guess_m.set(pack.p, pack.m.xi);
+    project_pack(pair.slave, pack.p, n, triangle < 0 ? 1 : 2, pack.s);
+    project_pack(pair.master, pack.p, n, 1, pack.m);
+    append_pack(pair, pack, std::min(pack_size, num - first), limits, triangle,
+                points);
+  }
+}
+
+/// A linear part of the slave with its plane.
+struct SlavePart
+{
+  LinearPart part;
+  Plane plane;
+  PlanePolygon polygon;
+
+  explicit SlavePart(const LinearPart& s)
+      : part(s), plane(s), polygon(plane.project(s))
+  {
+  }
+};
+
+/// Points of one pair of sub-facets.
+void append_part_points(const FacetView& slave, const FacetView& master,
+                        const SlavePart& slave_part, const LinearPart& m,
+                        const QuadratureRule& rule, const AngleLimits& limits,
+                        bool derivatives, PairPoints& points)
+{
+  const LinearPart& s = slave_part.part;
+  PlanePolygon pm = slave_part.plane.project(m);
+  if (!slave_part.polygon.meets(pm))
     return;
 
   // The master's corners run clockwise about the slave's normal: turn them,
@@ -365,7 +289,7 @@ void append_part_points(const FacetView& slave, const FacetView& master,
   std::reverse(turned.nodes.begin(), turned.nodes.begin() + m.size);
   std::reverse(pm.corners.begin(), pm.corners.begin() + m.size);
 
-  const ClipPolygon polygon = overlap(ps, pm);
+  const ClipPolygon polygon = overlap(slave_part.polygon, pm);
   if (polygon.size < 3)
     return;
   // Some triangle runs the other way round where a sub-facet is folded
@@ -378,28 +302,28 @@ void append_part_points(const FacetView& slave, const FacetView& master,
     return;
   }
 
-  const PartPair pair = {slave, master, s, turned, dn};
-  const Corners corners(pair, polygon);
+  std::array<Vec3, 16> V;
+  for (int i = 0; i < polygon.size; ++i)
+    V[i] = overlap_corner(polygon.vertices[i], s, turned, s.n);
+  SegmentDerivative& record = points.segments;
+  const int index = record.overlaps.size();
+  if (derivatives)
+    record.overlaps.push_back({s, turned, polygon, V});
+  const PartPair pair
+      = {slave, master, s, turned, Guess(s, s.n), Guess(turned, s.n)};
   for (int i = 1; i + 1 < polygon.size; ++i)
   {
-    const Triangle triangle(pair, corners, i);
-    if (triangle.area2 > 0)
-      append_triangle_points(pair, triangle, rule, limits, points);
+    const double area2 = (V[i] - V[0]).cross(V[i + 1] - V[0]).dot(s.n);
+    if (!(area2 > 0))
+      continue;
+    int triangle = -1;
+    if (derivatives)
+    {
+      triangle = record.triangles.size();
+      record.triangles.push_back({index, i});
+    }
+    append_triangle_points(pair, V, i, area2, rule, limits, triangle, points);
   }
-}
-
-/// Derivative of the normal of a slave's linear part by its corners.
-Mat24 unit_normal_derivative(const LinearPart& s)
-{
-  Mat24 dn = Mat24::Zero();
-  auto W = s.normal_derivative();
-  for (int i = 0; i < s.size; ++i)
-  {
-    dn.block<3, 3>(0, 3 * i)
-        = (Eigen::Matrix3d::Identity() - s.n * s.n.transpose()) * W[i]
-          / s.norm_c;
-  }
-  return dn;
 }
 } // namespace
 
@@ -410,21 +334,22 @@ void dolfinx_mortar::append_segment_points(const FacetView& slave,
                                            const AngleLimits& limits,
                                            bool derivatives, PairPoints& points)
 {
-  for (const SubFacet& sub_s : sub_facets(slave.type))
+  std::vector<LinearPart> parts;
+  parts.reserve(5);
+  for (const SubFacet& sub : sub_facets(master.type))
+    parts.emplace_back(master, sub);
+  for (const SubFacet& sub : sub_facets(slave.type))
   {
-    const LinearPart s(slave, sub_s);
+    const LinearPart s(slave, sub);
     if (!(s.norm_c > 0))
       throw_folded(slave, s.centre);
-    Mat24 dn;
-    if (derivatives)
-      dn = unit_normal_derivative(s);
-    for (const SubFacet& sub_m : sub_facets(master.type))
+    const SlavePart slave_part(s);
+    for (const LinearPart& m : parts)
     {
-      const LinearPart m(master, sub_m);
       if (m.norm_c > 0 and s.n.dot(m.n) < 0)
       {
-        append_part_points(slave, master, s, m, derivatives ? &dn : nullptr,
-                           rule, limits, points);
+        append_part_points(slave, master, slave_part, m, rule, limits,
+                           derivatives, points);
       }
     }
   }

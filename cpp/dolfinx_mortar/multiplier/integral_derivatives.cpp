@@ -16,12 +16,13 @@
 //   M_e dh = Σ_q d(w ν_k φ) - d(w ν_k φ_h)|h,  φ_h = Σ h_k Ñ_k.           (b)
 //
 // Positions enter a point by (ξ₁, ξ₂, η₁, η₂, w) alone, besides the explicit
-// part of φ. So each pair takes one product: partial derivatives by these five
-// numbers times the derivatives of the five, which come with the points.
+// part of φ. So partial derivatives by these five numbers are all that is
+// computed here; the points take them on to the positions.
 // For standard functions A_e = I and c = z: nothing is left of (a), and of (b)
 // the first term.
 
 #include "integrals.h"
+#include <dolfinx_mortar/common/pack.h>
 
 using namespace dolfinx_mortar;
 
@@ -49,6 +50,9 @@ struct Rows
 
   int size;
 
+  /// The size, rounded up to packs
+  int width;
+
   Rows(int nl, int nm, int num_fields, bool dual, int num_other)
   {
     mass = 0;
@@ -57,8 +61,32 @@ struct Rows
     slave = field + num_fields * nl;
     master = slave + 3 * num_other;
     size = master + 3 * nm;
+    width = (size + pack_size - 1) / pack_size * pack_size;
   }
 };
+
+/// out = a x + b y, in packs and then one by one
+MORTAR_INLINE void set_sum(int size, double a, const double* x, double b,
+                           const double* y, double* out)
+{
+  int k = 0;
+  for (; k + pack_size <= size; k += pack_size)
+    store(out + k, a * load(x + k) + b * load(y + k));
+  for (; k < size; ++k)
+    out[k] = a * x[k] + b * y[k];
+}
+
+/// out = a x (z - l) + b y
+MORTAR_INLINE void set_difference(int size, double a, const double* x,
+                                  const double* z, double l, double b,
+                                  const double* y, double* out)
+{
+  int k = 0;
+  for (; k + pack_size <= size; k += pack_size)
+    store(out + k, a * load(x + k) * (load(z + k) - l) + b * load(y + k));
+  for (; k < size; ++k)
+    out[k] = a * x[k] * (z[k] - l) + b * y[k];
+}
 } // namespace
 
 /// @brief Sums over the pairs of a facet, and what follows from them.
@@ -84,12 +112,16 @@ private:
   /// @brief λ_h, φ_h and their derivatives by (ξ₁, ξ₂) at the points of a pair.
   void interpolate(const PairShapes& s);
 
-  /// @brief Partial derivatives of the sums by (ξ₁, ξ₂, η₁, η₂) at point q, of
-  /// weight w: four rows of `_C`.
-  void fill_by_coordinates(const Rows& rows, const PairShapes& s, int q,
-                           double w);
+  /// @brief Partial derivatives of the sums by (ξ₁, ξ₂, η₁, η₂, w) at all
+  /// points: five rows of `_C` for each.
+  static void fill_points(Linearisation* self, const Rows* rows,
+                          const PairShapes* s, const double* w);
 
-  /// @brief Partial derivatives by the weight at point q: the fifth row.
+  /// @brief The rows of point q by coordinate a of both facets.
+  void fill_by_coordinate(const Rows& rows, const PairShapes& s, int q, int a,
+                          double w);
+
+  /// @brief The row of point q by its weight.
   void fill_by_weight(const Rows& rows, const PairShapes& s, int q);
 
   /// @brief Explicit dependence of the gap on positions and nodal normals at
@@ -97,7 +129,8 @@ private:
   void add_explicit_gap(const Rows& rows, const PairPoints& points,
                         const PairShapes& s);
 
-  /// @brief Explicit dependence of the jump on positions at fixed points, dr.
+  /// @brief Explicit dependence of the jump on positions at fixed points, dr;
+  /// after that of the gap.
   void add_explicit_jump(const Rows& rows, const PairPoints& points,
                          const PairShapes& s);
 
@@ -109,6 +142,7 @@ private:
   int _first_other, _num_other; // slave nodes outside of the biorthogonality
 
   RowMatrix _z;      // multipliers after sharing, shape (nl, 3)
+  RowMatrix _z_rows; // the same, shape (3, nl)
   RowMatrix _c, _h;  // coefficients of λ_h and φ_h, shape (nl, 3 or num_fields)
   RowMatrix _d_mass; // sums over all pairs, in the order of Rows
   RowMatrix _d_load, _d_field, _d_slave, _d_master;
@@ -117,9 +151,10 @@ private:
   // Buffers for one pair
   RowMatrix _lambda, _field_h;
   std::array<RowMatrix, 2> _d_lambda, _d_field_h;
-  RowMatrix _C;     // partial derivatives, shape (5 num_points, rows.size)
-  RowMatrix _table; // sums by positions, shape (rows.size, 3 (n + nm))
-  RowMatrix _WN;
+  RowMatrix _C;     // partial derivatives, shape (5 num_points, rows.width)
+  RowMatrix _sums;  // sums by positions, shape (3 (n + nm), rows.width)
+  RowMatrix _table; // the same, shape (rows.size, 3 (n + nm))
+  RowMatrix _WN, _functions, _products;
 };
 //-----------------------------------------------------------------------------
 FacetIntegrator::Linearisation::Linearisation(const Facet& facet,
@@ -132,6 +167,7 @@ FacetIntegrator::Linearisation::Linearisation(const Facet& facet,
   _num_other = dual ? n - nl : n;
   _first_other = n - _num_other;
   _z = facet.X * ConstRowMap(z.data(), n, 3);
+  _z_rows = _z.transpose();
   if (dual)
   {
     _c = _z.array().colwise() * facet.mass.array();
@@ -160,14 +196,12 @@ void FacetIntegrator::Linearisation::add_pair(const PairPoints& points,
   const int np = points.w.size(), nm = columns.size();
   const Rows rows(_facet.nl, nm, _num_fields, _facet.dual, _num_other);
   interpolate(s);
-  _C.setZero(5 * np, rows.size);
-  for (int q = 0; q < np; ++q)
-  {
-    fill_by_coordinates(rows, s, q, points.w[q]);
-    fill_by_weight(rows, s, q);
-  }
-  const ConstRowMap d(points.d.data(), 5 * np, 3 * (_facet.n + nm));
-  _table.noalias() = _C.transpose() * d;
+  _C.resize(5 * np, rows.width);
+  call_packed<&Linearisation::fill_points>(this, &rows, &s, points.w.data());
+  _sums.setZero(3 * (_facet.n + nm), rows.width);
+  points.differentiate(std::span(_C.data(), _C.size()), rows.width, _facet.n,
+                       nm, std::span(_sums.data(), _sums.size()));
+  _table = _sums.leftCols(rows.size).transpose();
   add_explicit_gap(rows, points, s);
   if (_num_fields == 4)
     add_explicit_jump(rows, points, s);
@@ -186,84 +220,85 @@ void FacetIntegrator::Linearisation::interpolate(const PairShapes& s)
   }
 }
 //-----------------------------------------------------------------------------
-void FacetIntegrator::Linearisation::fill_by_coordinates(const Rows& rows,
-                                                         const PairShapes& s,
-                                                         int q, double w)
+MORTAR_INLINE void FacetIntegrator::Linearisation::fill_by_coordinate(
+    const Rows& rows, const PairShapes& s, int q, int a, double w)
 {
-  const int nl = _facet.nl, nm = s.Nm.cols();
-  const int first = _first_other, other = _num_other;
-  const auto base = s.base(nl);
-  for (int a = 0; a < 2; ++a)
+  const int nl = _facet.nl, nm = s.Nm.cols(), other = _num_other;
+  const double *N = s.Nt.row(q).data(), *dN = s.dNt[a].row(q).data();
+  const bool own = s.psi.size() > 0;
+  const double* nu = own ? s.psi.row(q).data() : N;
+  const double* dnu = own ? s.dpsi[a].row(q).data() : dN;
+  const double *Nm = s.Nm.row(q).data(), *dNm = s.dNm[a].row(q).data();
+  double* C_xi = _C.row(5 * q + a).data();
+  double* C_eta = _C.row(5 * q + 2 + a).data();
+  std::fill(C_eta, C_eta + rows.field, 0.0);
+  std::fill(C_eta + rows.slave, C_eta + rows.master, 0.0);
+  std::fill(C_eta + rows.size, C_eta + rows.width, 0.0);
+  std::fill(C_xi + rows.size, C_xi + rows.width, 0.0);
+
+  if (_facet.dual)
+    set_sum(nl, w, dN, 0, dN, C_xi + rows.mass);
+  for (int i = 0; i < 3; ++i)
   {
-    const auto dbase = s.dbase(a, nl);
-    double* C_xi = _C.row(5 * q + a).data();
-    double* C_eta = _C.row(5 * q + 2 + a).data();
-    for (int k = 0; k < nl; ++k)
+    const double l = _lambda(q, i), dl = w * _d_lambda[a](q, i);
+    if (_facet.dual)
     {
-      const double N = w * s.Nt(q, k), dN = w * s.dNt[a](q, k);
-      if (_facet.dual)
-      {
-        C_xi[rows.mass + k] = dN;
-        for (int i = 0; i < 3; ++i)
-        {
-          C_xi[rows.load + i * nl + k]
-              = dN * (_z(k, i) - _lambda(q, i)) - N * _d_lambda[a](q, i);
-        }
-      }
-      const double nu = w * base(q, k), dnu = w * dbase(q, k);
-      for (int f = 0; f < _num_fields; ++f)
-      {
-        C_xi[rows.field + f * nl + k]
-            = dnu * (s.field(q, f) - _field_h(q, f))
-              + nu * (s.dfield[a](q, f) - _d_field_h[a](q, f));
-        C_eta[rows.field + f * nl + k] = nu * s.dfield[2 + a](q, f);
-      }
+      set_difference(nl, w, dN, _z_rows.row(i).data(), l, -dl, N,
+                     C_xi + rows.load + i * nl);
     }
-    for (int i = 0; i < 3; ++i)
-    {
-      const double l = w * _lambda(q, i), dl = w * _d_lambda[a](q, i);
-      for (int k = 0; k < other; ++k)
-      {
-        C_xi[rows.slave + i * other + k]
-            = dl * s.Nt(q, first + k) + l * s.dNt[a](q, first + k);
-      }
-      for (int k = 0; k < nm; ++k)
-      {
-        C_xi[rows.master + i * nm + k] = dl * s.Nm(q, k);
-        C_eta[rows.master + i * nm + k] = l * s.dNm[a](q, k);
-      }
-    }
+    set_sum(other, dl, N + _first_other, w * l, dN + _first_other,
+            C_xi + rows.slave + i * other);
+    set_sum(nm, dl, Nm, 0, Nm, C_xi + rows.master + i * nm);
+    set_sum(nm, w * l, dNm, 0, dNm, C_eta + rows.master + i * nm);
+  }
+  for (int f = 0; f < _num_fields; ++f)
+  {
+    set_sum(nl, w * (s.field(q, f) - _field_h(q, f)), dnu,
+            w * (s.dfield[a](q, f) - _d_field_h[a](q, f)), nu,
+            C_xi + rows.field + f * nl);
+    set_sum(nl, w * s.dfield[2 + a](q, f), nu, 0, nu,
+            C_eta + rows.field + f * nl);
   }
 }
 //-----------------------------------------------------------------------------
-void FacetIntegrator::Linearisation::fill_by_weight(const Rows& rows,
-                                                    const PairShapes& s, int q)
+MORTAR_INLINE void
+FacetIntegrator::Linearisation::fill_by_weight(const Rows& rows,
+                                               const PairShapes& s, int q)
 {
-  const int nl = _facet.nl, nm = s.Nm.cols();
-  const int first = _first_other, other = _num_other;
-  const auto base = s.base(nl);
+  const int nl = _facet.nl, nm = s.Nm.cols(), other = _num_other;
+  const double *N = s.Nt.row(q).data(), *Nm = s.Nm.row(q).data();
+  const double* nu = s.psi.size() > 0 ? s.psi.row(q).data() : N;
   double* C_w = _C.row(5 * q + 4).data();
-  for (int k = 0; k < nl; ++k)
-  {
-    const double N = s.Nt(q, k);
-    if (_facet.dual)
-    {
-      C_w[rows.mass + k] = N;
-      for (int i = 0; i < 3; ++i)
-        C_w[rows.load + i * nl + k] = N * (_z(k, i) - _lambda(q, i));
-    }
-    for (int f = 0; f < _num_fields; ++f)
-    {
-      C_w[rows.field + f * nl + k]
-          = base(q, k) * (s.field(q, f) - _field_h(q, f));
-    }
-  }
+  std::fill(C_w + rows.size, C_w + rows.width, 0.0);
+  if (_facet.dual)
+    set_sum(nl, 1, N, 0, N, C_w + rows.mass);
   for (int i = 0; i < 3; ++i)
   {
-    for (int k = 0; k < other; ++k)
-      C_w[rows.slave + i * other + k] = _lambda(q, i) * s.Nt(q, first + k);
-    for (int k = 0; k < nm; ++k)
-      C_w[rows.master + i * nm + k] = _lambda(q, i) * s.Nm(q, k);
+    const double l = _lambda(q, i);
+    if (_facet.dual)
+    {
+      set_difference(nl, 1, N, _z_rows.row(i).data(), l, 0, N,
+                     C_w + rows.load + i * nl);
+    }
+    set_sum(other, l, N + _first_other, 0, N, C_w + rows.slave + i * other);
+    set_sum(nm, l, Nm, 0, Nm, C_w + rows.master + i * nm);
+  }
+  for (int f = 0; f < _num_fields; ++f)
+  {
+    set_sum(nl, s.field(q, f) - _field_h(q, f), nu, 0, nu,
+            C_w + rows.field + f * nl);
+  }
+}
+//-----------------------------------------------------------------------------
+MORTAR_INLINE void FacetIntegrator::Linearisation::fill_points(
+    Linearisation* self, const Rows* rows, const PairShapes* s, const double* w)
+{
+  const int num = s->N.rows();
+  for (int q = 0; q < num; ++q)
+  {
+    for (int a = 0; a < 2; ++a)
+      self->fill_by_coordinate(*rows, *s, q, a, w[q]);
+    self->fill_by_weight(*rows, *s, q);
   }
 }
 //-----------------------------------------------------------------------------
@@ -271,21 +306,36 @@ void FacetIntegrator::Linearisation::add_explicit_gap(const Rows& rows,
                                                       const PairPoints& points,
                                                       const PairShapes& s)
 {
-  const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
+  const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols(), np = s.N.rows();
   const Eigen::Map<const Eigen::VectorXd> w(points.w.data(), points.w.size());
   const auto base = s.base(nl);
+  auto weigh = [&](const RowMatrix& vectors)
+  {
+    _WN.resize(np, 3 * nl);
+    for (int i = 0; i < 3; ++i)
+    {
+      _WN.middleCols(i * nl, nl)
+          = base.array().colwise() * (w.array() * vectors.col(i).array());
+    }
+  };
+  weigh(s.normal);
+  _functions.resize(np, n + nm);
+  _functions << s.N, s.Nm;
+  _products.noalias() = _WN.transpose() * _functions;
   for (int i = 0; i < 3; ++i)
   {
-    _WN = base.array().colwise() * (w.array() * s.normal.col(i).array());
-    const RowMatrix Gs = _WN.transpose() * s.N, Gm = _WN.transpose() * s.Nm;
+    for (int k = 0; k < n + nm; ++k)
+    {
+      _table.block(rows.field, 3 * k + i, nl, 1)
+          += (k < n ? -1 : 1) * _products.block(i * nl, k, nl, 1);
+    }
+  }
+  weigh(s.gap_normal);
+  _products.noalias() = _WN.transpose() * s.N;
+  for (int i = 0; i < 3; ++i)
+  {
     for (int k = 0; k < n; ++k)
-      _table.block(rows.field, 3 * k + i, nl, 1) -= Gs.col(k);
-    for (int k = 0; k < nm; ++k)
-      _table.block(rows.field, 3 * (n + k) + i, nl, 1) += Gm.col(k);
-    _WN = base.array().colwise() * (w.array() * s.gap_normal.col(i).array());
-    const RowMatrix Gn = _WN.transpose() * s.N;
-    for (int k = 0; k < n; ++k)
-      _d_normal.col(3 * k + i) += Gn.col(k);
+      _d_normal.col(3 * k + i) += _products.block(i * nl, k, nl, 1);
   }
 }
 //-----------------------------------------------------------------------------
@@ -296,14 +346,15 @@ void FacetIntegrator::Linearisation::add_explicit_jump(const Rows& rows,
   const int n = _facet.n, nl = _facet.nl, nm = s.Nm.cols();
   const Eigen::Map<const Eigen::VectorXd> w(points.w.data(), points.w.size());
   _WN = s.base(nl).array().colwise() * w.array();
-  const RowMatrix Gs = _WN.transpose() * s.N, Gm = _WN.transpose() * s.Nm;
+  _products.noalias() = _WN.transpose() * _functions;
   for (int i = 0; i < 3; ++i)
   {
     const int row = rows.field + (1 + i) * nl;
-    for (int k = 0; k < n; ++k)
-      _table.block(row, 3 * k + i, nl, 1) += Gs.col(k);
-    for (int k = 0; k < nm; ++k)
-      _table.block(row, 3 * (n + k) + i, nl, 1) -= Gm.col(k);
+    for (int k = 0; k < n + nm; ++k)
+    {
+      _table.block(row, 3 * k + i, nl, 1)
+          += (k < n ? 1 : -1) * _products.col(k);
+    }
   }
 }
 //-----------------------------------------------------------------------------

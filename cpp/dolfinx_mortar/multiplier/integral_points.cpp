@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <dolfinx_mortar/geometry/measures.h>
+#include <dolfinx_mortar/geometry/packed_points.h>
 #include <stdexcept>
 
 using namespace dolfinx_mortar;
@@ -42,22 +43,11 @@ void tabulate_at(FacetType type, std::span<const double> xi, bool derivatives,
 {
   const int size = num_nodes(type), num_points = xi.size() / 2;
   N.resize(num_points, size);
-  if (derivatives)
-  {
-    for (int a = 0; a < 2; ++a)
-      dN[a].resize(num_points, size);
-  }
-  Shapes s;
-  for (int q = 0; q < num_points; ++q)
-  {
-    tabulate(type, {xi[2 * q], xi[2 * q + 1]}, derivatives ? 1 : 0, s);
-    std::copy_n(s.N.begin(), size, N.row(q).data());
-    if (derivatives)
-    {
-      for (int a = 0; a < 2; ++a)
-        std::copy_n(s.dN[a].begin(), size, dN[a].row(q).data());
-    }
-  }
+  if (!derivatives)
+    return tabulate_points(type, xi, N.data(), {nullptr, nullptr});
+  for (int a = 0; a < 2; ++a)
+    dN[a].resize(num_points, size);
+  tabulate_points(type, xi, N.data(), {dN[0].data(), dN[1].data()});
 }
 } // namespace
 
@@ -190,6 +180,8 @@ void FacetIntegrator::keep_inside()
         move(points.eta, 2, q, after);
         move(points.w, 1, q, after);
         move(points.d, nd, q, after);
+        if (!points.segments.points.empty())
+          points.segments.points[after] = points.segments.points[q];
       }
       ++after;
     }
@@ -197,6 +189,8 @@ void FacetIntegrator::keep_inside()
     points.eta.resize(2 * after);
     points.w.resize(after);
     points.d.resize(nd * after);
+    if (!points.segments.points.empty())
+      points.segments.points.resize(after);
   }
 }
 //-----------------------------------------------------------------------------

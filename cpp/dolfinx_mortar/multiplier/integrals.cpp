@@ -172,7 +172,7 @@ double FacetIntegrator::integrate_products(bool derivatives)
   _result.area = 0;
   _result.volume = 0;
   double nearest = std::numeric_limits<double>::max();
-  RowMatrix WN;
+  RowMatrix WN, functions, products;
   for (int p : _facet.pairs)
   {
     const FacetView& master = _facet.masters[p];
@@ -195,11 +195,14 @@ double FacetIntegrator::integrate_products(bool derivatives)
         = _facet.analytic ? mean_normal(_points[p]) : corner_normal(master);
     _result.master_normal.noalias() += coverage * normal.transpose();
     WN = base.array().colwise() * w.array();
-    _facet.S.noalias() += WN.transpose() * s.Nt;
-    _facet.b.noalias() += WN.transpose() * s.field;
-    const RowMatrix part = WN.transpose() * s.Nm;
-    for (int l = 0; l < s.Nm.cols(); ++l)
-      _facet.Sm.col(_facet.columns[p][l]) += part.col(l);
+    const int n = _facet.n, nm = s.Nm.cols();
+    functions.resize(w.size(), n + 4 + nm);
+    functions << s.Nt, s.field, s.Nm;
+    products.noalias() = WN.transpose() * functions;
+    _facet.S += products.leftCols(n);
+    _facet.b += products.middleCols(n, 4);
+    for (int l = 0; l < nm; ++l)
+      _facet.Sm.col(_facet.columns[p][l]) += products.col(n + 4 + l);
   }
   return nearest;
 }

@@ -34,9 +34,9 @@ double way_to_facets(const Vec3& x, const Vec3& n, double gap,
       std::array<double, 2> xi = LinearPart(view, sub).guess(x, n);
       SurfacePoint point;
       Mat23 L;
-      if (!project(view, x, n, xi, 1, point, L)
+      if (!project(view, x, n, xi, point, L)
           or !in_reference(list.types[f], xi, seam)
-          or !opposes(view, point, n, 0.1))
+          or !opposes(view, point.a1, point.a2, n, 0.1))
         continue;
       const double a = (point.x - x).dot(n) - gap;
       if (std::abs(a) < std::abs(way))
