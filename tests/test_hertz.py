@@ -38,7 +38,8 @@ def test_pressure_and_radius(demo, measured, material):
     assert abs(result["contact_radius"] - np.mean(radii)) < result["h"]
     assert result["smallest_pressure"] > 0
     assert result["force_error"] < 1e-8
-    assert result["newton_iterations"] < 10
+    # Wherever nodes resist gaps with all of their stiffness it is 7
+    assert result["newton_iterations"] <= 5
     assert np.abs(force + master_force).max() < 1e-10 * force[2]
 
 

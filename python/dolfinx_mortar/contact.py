@@ -49,7 +49,8 @@ class Contact(Interface):
             mesh, interpolated at the slave nodes when a solve begins; a list of these where the
             slave surface is on several bodies.
         c_n, c_t: Complementarity parameters [traction per length]. They change the path of the
-            iteration, not its result; by default the stiffness of the slave nodes per area.
+            iteration, not its result; by default the stiffness of the slave nodes per area, of
+            which c_n is a tenth in the first iterations of a solve.
         geometry: ``"current"`` (finite deformation, everything linearised) or ``"reference"``
             (small deformation: D, M and normals stay those of the reference configuration).
         initial_active: Nodes in contact when the first solve starts: ``"gap"`` (those that

@@ -24,7 +24,7 @@ ContactResidual dolfinx_mortar::evaluate_law(
     const Friction& friction, const InterfaceState& state,
     const InterfaceEvaluation& evaluation, std::span<const double> z,
     std::span<const std::int64_t> blocks, std::span<const Status> forced,
-    bool damped)
+    bool damped, double normal_share)
 {
   const std::size_t n = interface.slave.num_owned;
   const InterfaceGeometry& geometry = *evaluation.geometry;
@@ -33,10 +33,16 @@ ContactResidual dolfinx_mortar::evaluate_law(
   // Distances of the reference configuration say nothing about the present one
   near = options.reference_geometry ? near.first(0) : near.first(n);
   const std::span<const std::int8_t> fixed = interface.fixed;
+  std::vector<double> c_n = state.c_n;
+  if (!options.c_n)
+  {
+    for (double& value : c_n)
+      value *= normal_share;
+  }
   return contact_residual({z, normals.first(3 * n), evaluation.gap,
-                           evaluation.weighted_slip, evaluation.scale,
-                           state.c_n, state.c_t, evaluation.usable,
-                           fixed.first(3 * n), near, blocks},
+                           evaluation.weighted_slip, evaluation.scale, c_n,
+                           state.c_t, evaluation.usable, fixed.first(3 * n),
+                           near, blocks},
                           friction, forced, damped);
 }
 //-----------------------------------------------------------------------------

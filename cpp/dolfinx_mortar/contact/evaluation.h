@@ -18,7 +18,7 @@ struct ContactOptions
 {
   /// Complementarity parameters [traction per length]; they change the path of
   /// the iteration, not its result. By default the stiffness of the slave nodes
-  /// per area
+  /// per area, of which c_n is a share in the first iterations of a solve
   std::optional<double> c_n, c_t;
 
   /// Keep D, M and normals of the reference configuration (small deformation)
@@ -66,12 +66,13 @@ struct InterfaceEvaluation
 /// @param[in] z Multipliers [traction] of the owned nodes, shape (n, 3).
 /// @param[in] blocks See ContactState.
 /// @param[in] forced,damped See contact_residual.
+/// @param[in] normal_share Factor of c_n where that is the default.
 ContactResidual
 evaluate_law(const Interface& interface, const ContactOptions& options,
              const Friction& friction, const InterfaceState& state,
              const InterfaceEvaluation& evaluation, std::span<const double> z,
              std::span<const std::int64_t> blocks,
-             std::span<const Status> forced, bool damped);
+             std::span<const Status> forced, bool damped, double normal_share);
 
 /// @brief Set the complementarity parameters and the scale of a contact.
 /// @param[in] options What makes it a contact.

@@ -170,7 +170,7 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
         c.data, *c.contact, step.settings.friction[i], s, e, z, c.blocks,
         step.forced.empty() ? std::span<const Status>()
                             : std::span<const Status>(step.forced[i]),
-        false);
+        false, step.normal_share);
   };
   evaluate();
   if (step.is_frictional(i) and !given)

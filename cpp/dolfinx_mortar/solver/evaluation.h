@@ -63,6 +63,9 @@ struct Step
   /// interface: those that the first solve begins with
   std::vector<std::vector<Status>> forced;
 
+  /// Factor of c_n where that is the default
+  double normal_share = 1;
+
   /// Scales of the tangential equations to use, of each interface, instead of
   /// those of the nodes themselves; empty for these
   std::vector<std::vector<double>> scale;

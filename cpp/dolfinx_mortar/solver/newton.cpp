@@ -13,6 +13,17 @@
 
 using namespace dolfinx_mortar;
 
+namespace
+{
+// Share of the default c_n in the first iterations. What a nonlinear step
+// leaves of the gaps is common to many nodes, and these resist it much less
+// than a node alone: counted with the stiffness of nodes, it would open nodes
+// in the middle of a contact zone, for the next step to close them again.
+// Where sets do not settle soon, nodes that have come apart are better opened.
+constexpr double first_share = 0.1;
+constexpr std::size_t num_first = 5;
+} // namespace
+
 //-----------------------------------------------------------------------------
 Newton::Newton(Bodies& bodies, const Coupling& coupling, SolverOptions options,
                bool condense, std::function<void()> poll)
@@ -76,6 +87,7 @@ std::shared_ptr<const Evaluation> Newton::solve(const State& state,
     std::optional<Run>& run;
     ~Forget() { run.reset(); }
   } forget{_run};
+  _run->step.normal_share = first_share;
   _run->row_scale = row_scale();
   set_values(_x.get(), x);
   PetscErrorCode code;
@@ -284,6 +296,8 @@ void Newton::shorten(std::span<const double> x, Vec y)
     halve();
   run.cycle_pending = false;
   run.step.forced.clear();
+  if (_history.size() >= num_first)
+    run.step.normal_share = 1;
   run.failure.clear();
   for (int i = 0; i < 10; ++i)
   {

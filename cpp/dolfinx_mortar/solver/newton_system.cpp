@@ -35,7 +35,7 @@ std::vector<ContactResidual> evaluate_laws(const Coupling& coupling,
         c.blocks,
         step.forced.empty() ? std::span<const Status>()
                             : std::span<const Status>(step.forced[i]),
-        true);
+        true, step.normal_share);
   }
   return laws;
 }
