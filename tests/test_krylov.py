@@ -7,6 +7,8 @@ iterations: a part that is cut off by such planes takes hardly more than the who
 """
 
 import functools
+import sys
+from pathlib import Path
 
 import cases
 import dolfinx_mortar as dm
@@ -17,6 +19,9 @@ from bolted import bolted_joint
 from corner import corner
 from mirrored import crossed_cylinders, model, punch
 from press_fit import press_fit
+
+sys.path.append(str(Path(__file__).parent / "benchmarks"))
+import flatness  # noqa: E402
 
 PRECONDITIONERS = ("cholesky", "gamg")
 # Every system is solved to the same tolerance, by a preconditioner of its own: what is counted is
@@ -142,6 +147,19 @@ def test_bolted_joint(preconditioner, friction):
         return counts
 
     check(count(True), count(False))
+
+
+def test_bodies_slide_on_coarse_levels():
+    """Blocks that slide on each other take as many iterations on a fine mesh as on a coarse one.
+
+    Aggregates with nodes of both blocks would hold them together on coarse levels: 12 and 15
+    iterations, and 22 on finer meshes.
+    """
+
+    def count(cells):
+        return max(flatness.solve(cells, flatness.CASES["contact"], {})["krylov"])
+
+    assert count(10) <= count(6) + 1
 
 
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)

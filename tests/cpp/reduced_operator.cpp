@@ -4,6 +4,7 @@
 #include "dense.h"
 #include <catch2/catch_test_macros.hpp>
 #include <catch2/generators/catch_generators.hpp>
+#include <dolfinx_mortar/solver/body_levels.h>
 #include <dolfinx_mortar/solver/corner_multigrid.h>
 #include <dolfinx_mortar/solver/diagonal_blocks.h>
 
@@ -229,4 +230,39 @@ TEST_CASE("motions by those of corners", "[mpi]")
   const std::vector<double> mine(w.data() + 12 * b.rank,
                                  w.data() + 12 * b.rank + 12);
   CHECK(difference(multiply(found.get(), mine), b.part(u)) < 1e-13);
+}
+
+TEST_CASE("levels with given interpolations", "[mpi]")
+{
+  const SmallBodies s;
+  // Without smoothing PCApply is the correction of the coarse level; its last
+  // dof of each rank moves nothing
+  constexpr int coarse_of_rank = 3;
+  const int num_coarse = coarse_of_rank * s.size;
+  unit::Numbers number(11);
+  MatrixXd P = unit::random(s.num_dofs, num_coarse, number);
+  const double unit = s.K.diagonal().mean();
+  for (int q = 0; q < s.size; ++q)
+    P.col(coarse_of_rank * (q + 1) - 1).setZero();
+  MatrixXd coarse = P.transpose() * s.A * P;
+  coarse.diagonal().array() += 1e-12 * unit;
+  const int own = 3 * nodes_of_rank;
+  const Matrix A = s.rows(s.A);
+  const Matrix P_rows = unit::from_dense(MPI_COMM_WORLD, P, own * s.rank, own,
+                                         coarse_of_rank, true);
+  const std::string max_it = "-levels_mg_levels_ksp_max_it";
+  REQUIRE(PetscOptionsSetValue(nullptr, max_it.c_str(), "0") == PETSC_SUCCESS);
+  PetscHandle<PC, PCDestroy> pc;
+  check(PCCreate(MPI_COMM_WORLD, pc.put()), "PCCreate");
+  check(PCSetOperators(pc.get(), A.get(), A.get()), "PCSetOperators");
+  set_levels(pc.get(), "levels_", A, {P_rows}, unit);
+  check(PCSetUp(pc.get()), "PCSetUp");
+  const VectorXd b = unit::random(s.num_dofs, 1, number);
+  const Vector right = create_vector(MPI_COMM_WORLD, s.part(b));
+  Vector x;
+  check(VecDuplicate(right.get(), x.put()), "VecDuplicate");
+  check(PCApply(pc.get(), right.get(), x.get()), "PCApply");
+  check(PetscOptionsClearValue(nullptr, max_it.c_str()), "PetscOptions");
+  const VectorXd expected = P * coarse.ldlt().solve(P.transpose() * b);
+  CHECK(difference(local_values(x.get()), s.part(expected)) < 1e-10);
 }

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "corner_multigrid.h"
+#include "body_levels.h"
 #include <algorithm>
 #include <array>
 #include <dolfinx_mortar/common/unused_memory.h>
@@ -11,29 +12,6 @@ using namespace dolfinx_mortar;
 namespace
 {
 using Eigen::Matrix3d;
-
-/// Projection on the directions that are not constrained. Collective.
-Matrix create_free_directions(MPI_Comm comm,
-                              std::span<const Matrix3d> constrained)
-{
-  std::vector<Entry> entries;
-  for (std::size_t node = 0; node < constrained.size(); ++node)
-  {
-    const std::int32_t dof = 3 * node;
-    const Matrix3d& Pi = constrained[node];
-    for (int i = 0; i < 3; ++i)
-    {
-      for (int j = 0; j < 3; ++j)
-      {
-        const double value = (i == j) - Pi(i, j);
-        if (i == j or value != 0)
-          entries.push_back({dof + i, dof + j, value});
-      }
-    }
-  }
-  const PetscInt size = 3 * constrained.size();
-  return create_from_entries(comm, size, size, entries);
-}
 
 /// T⁻¹ u. Collective.
 Matrix transform_back(const Matrix& u, Mat T_minus_one)
@@ -104,6 +82,29 @@ std::vector<std::int32_t> dolfinx_mortar::corner_dofs(Mat P)
   return dofs;
 }
 //-----------------------------------------------------------------------------
+Matrix
+dolfinx_mortar::create_free_directions(MPI_Comm comm,
+                                       std::span<const Matrix3d> constrained)
+{
+  std::vector<Entry> entries;
+  for (std::size_t node = 0; node < constrained.size(); ++node)
+  {
+    const std::int32_t dof = 3 * node;
+    const Matrix3d& Pi = constrained[node];
+    for (int i = 0; i < 3; ++i)
+    {
+      for (int j = 0; j < 3; ++j)
+      {
+        const double value = (i == j) - Pi(i, j);
+        if (i == j or value != 0)
+          entries.push_back({dof + i, dof + j, value});
+      }
+    }
+  }
+  const PetscInt size = 3 * constrained.size();
+  return create_from_entries(comm, size, size, entries);
+}
+//-----------------------------------------------------------------------------
 Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
                                            const Elimination& e, Mat W, Mat R)
 {
@@ -159,7 +160,8 @@ Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
 CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                                  std::unique_ptr<ReducedOperator> A, Matrix P,
                                  Mat more, MatNullSpace modes,
-                                 std::vector<std::int32_t> together)
+                                 std::vector<std::int32_t> together,
+                                 const std::vector<Matrix>& levels)
     : _comm(comm), _together(std::move(together))
 {
   const Matrix A_corners = A->project(P.get(), more);
@@ -198,8 +200,13 @@ CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
   check(KSPSetOperators(corners, A_corners.get(), A_corners.get()),
         "KSPSetOperators");
   check(KSPGetPC(corners, &pc), "KSPGetPC");
-  check(PCSetOptionsPrefix(pc, prefix.c_str()), "PCSetOptionsPrefix");
-  check(PCSetFromOptions(pc), "PCSetFromOptions");
+  if (levels.empty())
+  {
+    check(PCSetOptionsPrefix(pc, prefix.c_str()), "PCSetOptionsPrefix");
+    check(PCSetFromOptions(pc), "PCSetFromOptions");
+  }
+  else
+    set_levels(pc, prefix, A_corners, levels, A->unit());
   update(std::move(A));
   check(PCSetOperators(_pc.get(), _shell.get(), _shell.get()),
         "PCSetOperators");

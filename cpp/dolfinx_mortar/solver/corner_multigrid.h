@@ -16,6 +16,12 @@ namespace dolfinx_mortar
 /// @param[in] P Displacements by those of corners.
 std::vector<std::int32_t> corner_dofs(Mat P);
 
+/// @brief Projection on the directions that are not constrained. Collective.
+/// @param[in] constrained Projections on the constrained directions of the
+/// nodes of this rank.
+Matrix create_free_directions(MPI_Comm comm,
+                              std::span<const Eigen::Matrix3d> constrained);
+
 /// @brief Motions of nodes that follow from those of the corners of cells, for
 /// the motions w of a reduced system. Collective.
 ///
@@ -54,9 +60,12 @@ public:
   /// @param[in] more Added to Pᵀ A P where it is singular, of its size.
   /// @param[in] modes Rigid body modes of the corners.
   /// @param[in] together Owned dofs that share a block, see DiagonalBlocks.
+  /// @param[in] levels Interpolations of the corners' multigrid, see
+  /// set_levels; empty where it has its own.
   CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                   std::unique_ptr<ReducedOperator> A, Matrix P, Mat more,
-                  MatNullSpace modes, std::vector<std::int32_t> together);
+                  MatNullSpace modes, std::vector<std::int32_t> together,
+                  const std::vector<Matrix>& levels = {});
 
   // PETSc's objects point to this one
   CornerMultigrid(const CornerMultigrid&) = delete;

@@ -40,36 +40,6 @@ bool option(const std::string& prefix, const char* name)
   return value;
 }
 
-/// Owned dofs that others follow, by the entries of their columns, but for
-/// prescribed ones. Collective.
-std::vector<std::int32_t> followed_dofs(MPI_Comm comm, Mat W,
-                                        std::span<const std::int32_t> fixed)
-{
-  const auto [rows, columns] = local_size(W);
-  PetscInt begin;
-  check(MatGetOwnershipRange(W, &begin, nullptr), "MatGetOwnershipRange");
-  std::vector<PetscInt> offsets = {0}, used;
-  for (PetscInt dof = 0; dof < rows; ++dof)
-  {
-    const MatrixRow row(W, begin + dof);
-    used.insert(used.end(), row.columns().begin(), row.columns().end());
-    offsets.push_back(used.size());
-  }
-  const Matrix pattern = create_from_rows(comm, rows, columns, offsets, used,
-                                          std::vector<double>(used.size(), 1));
-  std::vector<double> count
-      = multiply_transposed(pattern.get(), std::vector<double>(rows, 1.0));
-  for (std::int32_t dof : fixed)
-    count[dof] = 0;
-  std::vector<std::int32_t> dofs;
-  for (PetscInt dof = 0; dof < columns; ++dof)
-  {
-    if (count[dof] > 0)
-      dofs.push_back(dof);
-  }
-  return dofs;
-}
-
 std::vector<std::int8_t> num_constraints(const Elimination& e)
 {
   std::vector<std::int8_t> num(e.constrained.size());
@@ -93,6 +63,7 @@ ReducedPreconditioner::ReducedPreconditioner(
         "PetscOptionsGetString");
   if (corners and interpolate_corners and has_corner_level(type.data()))
     _P = interpolate_corners();
+  _aggregation = std::string(type.data()) == PCGAMG;
 }
 //-----------------------------------------------------------------------------
 void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
@@ -102,8 +73,11 @@ void ReducedPreconditioner::prepare(const NewtonSystem& s, const Elimination& e,
   _e = &e;
   _rows = &rows;
   // What belongs to the last system is large
-  if (inner() and (!_reuse or _worn or has_changed()))
+  const bool worn = !_reuse or _worn;
+  if (inner() and (worn or has_changed()))
     forget();
+  if (worn)
+    _aggregates.clear();
   _W.reset();
   {
     Timer timer("~mortar: condense");
@@ -147,6 +121,7 @@ bool ReducedPreconditioner::judge(bool converged, int iterations, double rtol)
 {
   if (!converged and !_is_new)
   {
+    _aggregates.clear();
     set_up();
     return false;
   }
@@ -196,45 +171,6 @@ void ReducedPreconditioner::set_up()
                            "is singular. A body may not be held: check the "
                            "Dirichlet conditions.");
   }
-}
-//-----------------------------------------------------------------------------
-void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
-{
-  // Corners have the displacements that their rows of P, the identity, give
-  std::vector<double> x;
-  std::vector<Entry> units;
-  std::vector<std::int8_t> fixed(_s->size_u, 0);
-  for (std::int32_t dof : _s->fixed)
-    fixed[dof] = 1;
-  for (std::int32_t dof : corner_dofs(_P.get()))
-  {
-    const std::int32_t corner = x.size(), component = dof % 3;
-    x.push_back(_x[dof]);
-    if (fixed[dof])
-      units.push_back({corner, corner, A->unit()});
-    const Matrix3d& Pi = _e->constrained[dof / 3];
-    for (std::int32_t j = 0; j < 3 and !Pi.isZero(0); ++j)
-    {
-      units.push_back(
-          {corner, corner - component + j, A->unit() * Pi(component, j)});
-    }
-  }
-  const PetscInt size = x.size();
-  const Matrix U = create_from_entries(_comm, size, size, units);
-  const Vector coordinates = create_vector(_comm, x, 3);
-  PetscHandle<MatNullSpace, MatNullSpaceDestroy> modes;
-  check(MatNullSpaceCreateRigidBody(coordinates.get(), modes.put()),
-        "MatNullSpaceCreateRigidBody");
-  // What is tied to masters couples them: the surface of a stiff body to the
-  // nodes of a soft one, corners to edges that share their weight
-  std::vector<std::int32_t> together;
-  if (_s->tied or _R)
-    together = followed_dofs(_comm, _W.get(), _s->fixed);
-  Matrix P = interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get());
-  give_back_memory();
-  _multigrid = std::make_unique<CornerMultigrid>(
-      _comm, _prefix, std::move(A), std::move(P), U.get(), modes.get(),
-      std::move(together));
 }
 //-----------------------------------------------------------------------------
 Matrix ReducedPreconditioner::create_W() const

@@ -109,6 +109,17 @@ private:
   /// A level of all nodes above one of the corners.
   void create_multigrid(std::unique_ptr<ReducedOperator> A);
 
+  /// Whether bodies, both of them free to move, slide on each other.
+  /// Collective.
+  bool slides() const;
+
+  /// @brief Interpolations below the corners with aggregates that are each of
+  /// one body, without the directions of constraints and Dirichlet conditions.
+  /// Collective.
+  /// @param[in] unit Size of the diagonal of the tangent.
+  /// @param[in] modes Rigid body modes of the corners.
+  std::vector<Matrix> body_levels(double unit, MatNullSpace modes);
+
   /// W; with (I + W) (I + R) in place of I + W, see follow_masters
   Matrix create_W() const;
 
@@ -143,6 +154,8 @@ private:
   Matrix _P;
   PetscHandle<PC, PCDestroy> _inner;
   std::unique_ptr<CornerMultigrid> _multigrid; // or this in place of it
+  std::vector<Matrix> _aggregates; // of bodies; empty before they are needed
+  bool _aggregation = false;
   // Of the system that it was made for: numbers of constraints of all nodes,
   // and iterations that a digit took
   std::vector<std::int8_t> _constraints;
