@@ -60,6 +60,7 @@ CASES = {
     "tie, 1000 times softer above": case(stiffness=1e-3, tie=True),
     "contact": case(),
     "contact, tet10": case("tet10"),
+    "contact, hex8": case("hex8"),
     "contact, nu = 0.49": case(nu=0.49),
     "friction 0.5, most nodes stick": case(motion=(0.002, 0.0), friction=0.5),
     "friction 0.2, all nodes slip": case(motion=(0.05, 0.0), friction=0.2),
@@ -86,7 +87,8 @@ def block(comm, corners, size: float, element: str):
 def body(comm, corners, size, element, E, nu):
     """Displacement, facet tags and residual of a linear elastic block, in cells of a given size."""
     domain, tags = block(comm, corners, size, element)
-    space = dm.hex20((3,)) if element == "hex20" else ("Lagrange", 2, (3,))
+    degree = 1 if element == "hex8" else 2
+    space = dm.hex20((3,)) if element == "hex20" else ("Lagrange", degree, (3,))
     u = fem.Function(fem.functionspace(domain, space))
     mu = fem.Constant(domain, default_scalar_type(E / (2 * (1 + nu))))
     lmbda = fem.Constant(domain, default_scalar_type(E * nu / ((1 + nu) * (1 - 2 * nu))))

@@ -60,6 +60,16 @@ void dolfinx_mortar::set_levels(PC pc, const std::string& prefix,
         "PCSetOptionsPrefix");
   check(PCSetType(pc, PCMG), "PCSetType");
   check(PCMGSetLevels(pc, num_levels, nullptr), "PCMGSetLevels");
+  PetscEnum cycle;
+  PetscBool given;
+  check(PetscOptionsGetEnum(nullptr, prefix.c_str(), "-pc_mg_cycle_type",
+                            PCMGCycleTypes, &cycle, &given),
+        "PetscOptionsGetEnum");
+  if (given)
+  {
+    check(PCMGSetCycleType(pc, static_cast<PCMGCycleType>(cycle)),
+          "PCMGSetCycleType");
+  }
   Matrix coarse;
   Mat now = A.get();
   for (PetscInt level = num_levels - 1; level >= 0; --level)

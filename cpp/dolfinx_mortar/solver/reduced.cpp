@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: MIT
 
 #include "reduced.h"
+#include "body_levels.h"
 #include "convergence_error.h"
 #include "solver_options.h"
 #include <Eigen/Dense>
@@ -153,13 +154,22 @@ void ReducedPreconditioner::set_up()
   else
   {
     const Matrix A = reduced->assemble();
-    check(MatSetNearNullSpace(A.get(), create_modes().get()),
-          "MatSetNearNullSpace");
+    const auto modes = create_modes();
+    check(MatSetNearNullSpace(A.get(), modes.get()), "MatSetNearNullSpace");
     check(PCCreate(_comm, _inner.put()), "PCCreate");
-    check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
-          "PCSetOptionsPrefix");
     check(PCSetOperators(_inner.get(), A.get(), A.get()), "PCSetOperators");
-    check(PCSetFromOptions(_inner.get()), "PCSetFromOptions");
+    std::vector<Matrix> levels;
+    // Those of bodies are of displacements, not of another basis
+    if (_aggregation and !_s->T_minus_one and slides())
+      levels = body_levels(reduced->unit(), modes.get());
+    if (levels.empty())
+    {
+      check(PCSetOptionsPrefix(_inner.get(), _prefix.c_str()),
+            "PCSetOptionsPrefix");
+      check(PCSetFromOptions(_inner.get()), "PCSetFromOptions");
+    }
+    else
+      set_levels(_inner.get(), _prefix, A, levels, reduced->unit());
     check(PCSetUp(_inner.get()), "PCSetUp");
   }
   // PETSc leaves it to the caller to ask

@@ -113,11 +113,11 @@ private:
   /// Collective.
   bool slides() const;
 
-  /// @brief Interpolations below the corners with aggregates that are each of
-  /// one body, without the directions of constraints and Dirichlet conditions.
-  /// Collective.
+  /// @brief Interpolations below the corners, or below all nodes where there is
+  /// no such level, with aggregates that are each of one body, without the
+  /// directions of constraints and Dirichlet conditions. Collective.
   /// @param[in] unit Size of the diagonal of the tangent.
-  /// @param[in] modes Rigid body modes of the corners.
+  /// @param[in] modes Rigid body modes of the corners or nodes.
   std::vector<Matrix> body_levels(double unit, MatNullSpace modes);
 
   /// W; with (I + W) (I + R) in place of I + W, see follow_masters

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <dolfinx_mortar/common/unused_memory.h>
+#include <numeric>
 
 // The levels of all nodes, of the corners of cells, and below these.
 
@@ -123,30 +124,40 @@ bool ReducedPreconditioner::slides() const
 std::vector<Matrix> ReducedPreconditioner::body_levels(double unit,
                                                        MatNullSpace modes)
 {
-  const std::vector<std::int32_t> corners = corner_dofs(_P.get());
+  std::vector<std::int32_t> dofs(_s->size_u);
+  if (_P)
+    dofs = corner_dofs(_P.get());
+  else
+    std::iota(dofs.begin(), dofs.end(), 0);
   std::vector<std::int8_t> fixed(_s->size_u, 0);
   for (std::int32_t dof : _s->fixed)
     fixed[dof] = 1;
   PetscInt begin;
-  check(MatGetOwnershipRangeColumn(_P.get(), &begin, nullptr),
-        "MatGetOwnershipRangeColumn");
+  check(
+      MatGetOwnershipRangeColumn(_P ? _P.get() : _s->K.get(), &begin, nullptr),
+      "MatGetOwnershipRangeColumn");
   std::vector<PetscInt> held;
   std::vector<Matrix3d> constrained;
   std::vector<double> moves;
-  for (std::size_t c = 0; c < corners.size(); ++c)
+  for (std::size_t i = 0; i < dofs.size(); ++i)
   {
-    moves.push_back(fixed[corners[c]] ? 0.0 : 1.0);
-    if (fixed[corners[c]])
-      held.push_back(begin + c);
-    if (c % 3 == 0)
-      constrained.push_back(_e->constrained[corners[c] / 3]);
+    moves.push_back(fixed[dofs[i]] ? 0.0 : 1.0);
+    if (fixed[dofs[i]])
+      held.push_back(begin + i);
+    if (i % 3 == 0)
+      constrained.push_back(_e->constrained[dofs[i] / 3]);
   }
   if (_aggregates.empty())
   {
     Matrix K;
-    check(MatPtAP(_s->K.get(), _P.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT,
-                  K.put()),
-          "MatPtAP");
+    if (_P)
+    {
+      check(MatPtAP(_s->K.get(), _P.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT,
+                    K.put()),
+            "MatPtAP");
+    }
+    else
+      K = duplicate(_s->K.get());
     check(MatZeroRowsColumns(K.get(), held.size(), held.data(), unit, nullptr,
                              nullptr),
           "MatZeroRowsColumns");
