@@ -412,7 +412,8 @@ def test_loaded_ball(element, friction):
     assert tool.force[2] == pytest.approx(-30, rel=1e-9)
     np.testing.assert_allclose(tool.reaction_force[:2], -tool.force[:2])
     assert tool.reaction_force[2] == 0
-    last = [i["force"] for i in p.problem.history][-3:]
+    # What is left of all equations: forces alone are small before gaps are closed
+    last = [max(i["force"], i["constraint"]) for i in p.problem.history][-3:]
     assert last[2] < 1e-9 and last[2] < 1e-3 * last[1] < 1e-4 * last[0]
     # Prescribed components are what they were told to be
     motion = p.problem._cpp_object.tool_motion(tool.describe())
