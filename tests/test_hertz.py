@@ -38,9 +38,14 @@ def test_pressure_and_radius(demo, measured, material):
     assert abs(result["contact_radius"] - np.mean(radii)) < result["h"]
     assert result["smallest_pressure"] > 0
     assert result["force_error"] < 1e-8
-    # Wherever nodes resist gaps with all of their stiffness it is 7
     assert result["newton_iterations"] <= 5
     assert np.abs(force + master_force).max() < 1e-10 * force[2]
+
+
+def test_first_step_opens_no_nodes(demo):
+    """What it leaves of gaps is no traction; with c_n as large as the stiffness it takes 6."""
+    demo.measure("hex20", "neo-hooke", 0.2, 2)
+    assert demo.results[-1]["newton_iterations"] <= 4
 
 
 @pytest.mark.parametrize("p", [0.0125, 0.05, 0.2])

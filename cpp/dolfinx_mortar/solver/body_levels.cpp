@@ -7,7 +7,7 @@ using namespace dolfinx_mortar;
 
 namespace
 {
-/// Pᵀ A P, positive definite.
+/// Pᵀ A P, positive definite. Collective.
 Matrix create_coarse(Mat A, Mat P, double unit)
 {
   // Where constraints hold most of an aggregate its columns of P depend on each
