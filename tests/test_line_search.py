@@ -46,6 +46,29 @@ def test_lagged_jacobian(elements, expected):
     assert np.allclose(found, expected(elements, 0.0), rtol=1e-8)
 
 
+def test_jacobian_of_long_ago():
+    """A system of the first iterations corrects gaps of the later ones as far as they are."""
+    found = []
+    for lag in (1, 10):
+        p = pressed(dm.Contact, petsc_options={"snes_lag_jacobian": lag, "snes_max_it": 100})
+        p.move(0.3, -0.1)
+        found.append(p.norms())
+    assert np.allclose(*found, rtol=1e-8)
+
+
+def test_measure_of_gaps_is_that_of_a_line_search():
+    """Gaps are measured alike, however large c_n is in the first iterations."""
+    histories = []
+    for kind in ("basic", "bt"):
+        p = pressed(dm.Contact, petsc_options={"snes_linesearch_type": kind})
+        p.move(0.3, -0.1)
+        histories.append(p.problem.history)
+    full, searched = (h[1] for h in histories)
+    assert full["step"] == 1 and searched["step"] == pytest.approx(1)
+    assert full["constraint"] > 0.1
+    assert full["constraint"] == pytest.approx(searched["constraint"], rel=1e-6)
+
+
 def test_history_has_the_length_of_the_step():
     """Of what the line search has made of Newton's."""
     p = pressed(dm.Contact, petsc_options={"snes_linesearch_type": "l2"})

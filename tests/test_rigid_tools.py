@@ -542,10 +542,11 @@ def test_loads_are_saved(tmp_path):
     np.testing.assert_allclose(runs[0], runs[1], rtol=1e-7, atol=1e-9)
 
 
+@pytest.mark.parametrize("element", ["hex8", "hex20"])
 @pytest.mark.parametrize("solver", [{"pc_type": "cholesky"}, {"pc_type": "gamg"}])
-def test_loaded_with_other_solvers(solver):
+def test_loaded_with_other_solvers(solver, element):
     p, q = (
-        pressed(meshed(), "hex20", cells=(4, 4, 3), free="z rx", petsc_options=options)
+        pressed(meshed(), element, cells=(4, 4, 3), free="z rx", petsc_options=options)
         for options in (None, solver)
     )
     for x in (p, q):

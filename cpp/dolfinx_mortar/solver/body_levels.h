@@ -27,7 +27,8 @@ std::vector<Matrix> aggregate_bodies(MPI_Comm comm, const std::string& prefix,
 /// @brief Make a preconditioner multigrid with given interpolations.
 /// Collective.
 ///
-/// Its levels have the options that they have with `gamg`.
+/// The smoothers and the coarse solver have the prefixes that they have with
+/// `gamg`; of the options of the cycle only `pc_mg_cycle_type` counts.
 /// @param[in] pc Preconditioner.
 /// @param[in] prefix Prefix of the options.
 /// @param[in] A Matrix of the finest level.

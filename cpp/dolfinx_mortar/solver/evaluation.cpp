@@ -183,6 +183,25 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
     evaluate();
   }
 }
+
+/// Largest component of the contact conditions of a node, with all of c_n.
+double contact_measure(const CoupledInterface& c, const InterfaceEvaluation& e,
+                       std::span<const double> conditions, std::int32_t k,
+                       double normal_share)
+{
+  Eigen::Vector3d f(conditions.data() + 3 * k);
+  if (normal_share < 1 and e.law.status[k] != Status::open)
+  {
+    Eigen::Vector3d n(e.geometry->configuration.normals.n.data() + 3 * k);
+    for (int d = 0; d < 3; ++d)
+    {
+      if (c.data.fixed[3 * k + d])
+        n[d] = 0;
+    }
+    f += (1 / normal_share - 1) * f.dot(n) * n;
+  }
+  return f.cwiseAbs().maxCoeff();
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -335,8 +354,12 @@ double dolfinx_mortar::constraint_measure(const Coupling& coupling,
     }
     else
     {
-      for (double v : f)
-        largest = std::max(largest, std::abs(v));
+      const double normal_share = c.contact->c_n ? 1.0 : step.normal_share;
+      for (std::int32_t k = 0; k < c.num_owned(); ++k)
+      {
+        largest = std::max(largest, contact_measure(c, evaluation.interfaces[i],
+                                                    f, k, normal_share));
+      }
       worst = std::max(worst, largest
                                   / largest_traction(c.data, s, step.weights[i],
                                                      coupling.part(z, i, 3)));

@@ -87,7 +87,8 @@ RowOperator create_rows(const NewtonSystem& s, const Elimination& e,
 
   // Constraints are tractions, C_z = I - n nᵀ without friction: times -D̃ their
   // tangential part is the equilibrium of the node again. Normal parts become
-  // as stiff as the tangent. Those of ties are displacements times areas.
+  // as stiff as the tangent, or a tenth of it. Those of ties are displacements
+  // times areas.
   rows.scale.assign(s.size_u, 1.0);
   std::vector<double> stiffness;
   if (s.tied)

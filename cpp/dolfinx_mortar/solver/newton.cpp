@@ -21,7 +21,17 @@ namespace
 // in the middle of a contact zone, for the next step to close them again.
 // Where sets do not settle soon, nodes that have come apart are better opened.
 constexpr double first_share = 0.1;
-constexpr std::size_t num_first = 5;
+constexpr int num_first = 5;
+
+/// Whether each step is a full one of the present linearisation. What line
+/// searches compare, and a linearisation of an earlier iterate, is to be of one
+/// and the same c_n.
+bool takes_full_steps(SNES snes, const std::string& line_search)
+{
+  PetscInt lag;
+  check(SNESGetLagJacobian(snes, &lag), "SNESGetLagJacobian");
+  return lag == 1 and line_search == "basic";
+}
 } // namespace
 
 //-----------------------------------------------------------------------------
@@ -87,7 +97,8 @@ std::shared_ptr<const Evaluation> Newton::solve(const State& state,
     std::optional<Run>& run;
     ~Forget() { run.reset(); }
   } forget{_run};
-  _run->step.normal_share = first_share;
+  if (takes_full_steps(_snes.get(), _options.line_search()))
+    _run->step.normal_share = first_share;
   _run->row_scale = row_scale();
   set_values(_x.get(), x);
   PetscErrorCode code;
@@ -296,7 +307,7 @@ void Newton::shorten(std::span<const double> x, Vec y)
     halve();
   run.cycle_pending = false;
   run.step.forced.clear();
-  if (_history.size() >= num_first)
+  if (std::ssize(_history) >= num_first)
     run.step.normal_share = 1;
   run.failure.clear();
   for (int i = 0; i < 10; ++i)

@@ -120,14 +120,14 @@ int ReducedPreconditioner::patience(double rtol) const
 //-----------------------------------------------------------------------------
 bool ReducedPreconditioner::judge(bool converged, int iterations, double rtol)
 {
-  if (!converged and !_is_new)
+  if (!converged and (!_is_new or _kept_aggregates))
   {
     _aggregates.clear();
     set_up();
     return false;
   }
   const double digits = -std::log10(rtol);
-  if (_is_new)
+  if (_is_new and !_kept_aggregates)
     _iterations_per_digit = iterations / digits;
   _worn = !converged
           or iterations
@@ -148,6 +148,7 @@ void ReducedPreconditioner::set_up()
   give_back_memory();
   _constraints = num_constraints(*_e);
   _is_new = true;
+  _kept_aggregates = !_aggregates.empty();
   auto reduced = std::make_unique<ReducedOperator>(*_s, *_e, _W.get());
   if (_P)
     create_multigrid(std::move(reduced));

@@ -156,8 +156,9 @@ private:
   std::unique_ptr<CornerMultigrid> _multigrid; // or this in place of it
   std::vector<Matrix> _aggregates; // of bodies; empty before they are needed
   bool _aggregation = false;
-  // Of the system that it was made for: numbers of constraints of all nodes,
-  // and iterations that a digit took
+  bool _kept_aggregates = false; // of an earlier system
+  // Of the system that it was made for, numbers of constraints of all nodes;
+  // iterations that a digit took with the aggregates when they were new
   std::vector<std::int8_t> _constraints;
   double _iterations_per_digit = 0;
   bool _is_new = false, _worn = false;

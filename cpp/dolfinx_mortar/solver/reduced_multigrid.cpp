@@ -93,15 +93,21 @@ void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
 //-----------------------------------------------------------------------------
 bool ReducedPreconditioner::slides() const
 {
-  // Ties hold all directions; masters that are fixed need no motion
-  if (!any(_comm, std::ranges::any_of(_e->constrained,
-                                      [](const Matrix3d& Pi)
-                                      {
-                                        const auto num
-                                            = std::lround(Pi.trace());
-                                        return num == 1 or num == 2;
-                                      })))
+  // Nodes that stick or are tied have no free direction left
+  std::vector<int> num_free(_e->constrained.size(), 3);
+  for (std::int32_t dof : _s->fixed)
+    --num_free[dof / 3];
+  bool free = false;
+  for (std::size_t node = 0; node < num_free.size(); ++node)
+  {
+    const auto num = std::lround(_e->constrained[node].trace());
+    free = free or (num > 0 and num < num_free[node]);
+  }
+  if (!any(_comm, free))
     return false;
+  // Masters that are fixed need no motion, and tools have no stiffness, so that
+  // no aggregate of their own would move them
+  const std::vector<double> stiffness = diagonal(_s->K.get());
   std::vector<std::int8_t> slave(_s->size_u, 0);
   for (std::int32_t node : _s->nodes.own)
     std::fill_n(slave.begin() + 3 * node, 3, 1);
@@ -117,8 +123,9 @@ bool ReducedPreconditioner::slides() const
     }
   }
   const auto followed = followed_dofs(_comm, _W.get(), _s->fixed);
-  return any(_comm, std::ranges::any_of(followed, [&](std::int32_t dof)
-                                        { return !slave[dof]; }));
+  return any(_comm, std::ranges::any_of(
+                        followed, [&](std::int32_t dof)
+                        { return !slave[dof] and stiffness[dof] != 0; }));
 }
 //-----------------------------------------------------------------------------
 std::vector<Matrix> ReducedPreconditioner::body_levels(double unit,
@@ -158,6 +165,13 @@ std::vector<Matrix> ReducedPreconditioner::body_levels(double unit,
     }
     else
       K = duplicate(_s->K.get());
+    // Smoothers divide by the diagonal
+    const std::vector<double> stiffness = diagonal(K.get());
+    for (std::size_t i = 0; i < dofs.size(); ++i)
+    {
+      if (stiffness[i] == 0)
+        held.push_back(begin + i);
+    }
     check(MatZeroRowsColumns(K.get(), held.size(), held.data(), unit, nullptr,
                              nullptr),
           "MatZeroRowsColumns");
