@@ -184,7 +184,13 @@ void evaluate_contact(const Coupling& coupling, const Step& step,
   }
 }
 
-/// Largest component of the contact conditions of a node, with all of c_n.
+/// Largest component of the contact conditions of a node [traction], with all
+/// of c_n: where a node is closed, the part along its normal is c_n times the
+/// gap.
+/// @param[in] c,e Contact, and its evaluation.
+/// @param[in] conditions Those of all owned nodes, shape (n, 3).
+/// @param[in] k Node.
+/// @param[in] normal_share Share of c_n that they were evaluated with.
 double contact_measure(const CoupledInterface& c, const InterfaceEvaluation& e,
                        std::span<const double> conditions, std::int32_t k,
                        double normal_share)
