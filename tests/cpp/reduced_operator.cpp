@@ -142,9 +142,64 @@ TEST_CASE("the operator of motions is the same as products and as a matrix",
   const std::vector<double> own(w.data() + 6 * b.rank,
                                 w.data() + 6 * b.rank + 6),
       expected(PAPw.data() + 6 * b.rank, PAPw.data() + 6 * b.rank + 6);
-  CHECK(difference(multiply(A.project(rows.get(), more.get()).get(), own),
-                   expected)
+  const MatrixXd P0 = unit::random(b.num_dofs, 6 * b.size, number);
+  ProjectedTangent tangent(unit::from_dense(MPI_COMM_WORLD, P0, b.first(),
+                                            3 * nodes_of_rank, 6, false));
+  const Matrix projected
+      = A.project(rows.get(), b.W_rows.get(), tangent, more.get());
+  CHECK(difference(multiply(projected.get(), own), expected)
         < 1e-11 * PAP.cwiseAbs().maxCoeff());
+}
+
+TEST_CASE("a projected tangent, rows of the interpolation changed", "[mpi]")
+{
+  const SmallBodies b;
+  unit::Numbers number(5);
+  auto interpolation = [&](const MatrixXd& P)
+  {
+    return unit::from_dense(MPI_COMM_WORLD, P, b.first(), 3 * nodes_of_rank, 6,
+                            false);
+  };
+  const MatrixXd P0 = unit::random(b.num_dofs, 6 * b.size, number);
+  MatrixXd P = P0;
+  for (int q = 0; q < b.size; ++q)
+  {
+    P.middleRows(3 * nodes_of_rank * q + 2, 4)
+        = unit::random(4, 6 * b.size, number);
+  }
+  const VectorXd w = unit::random(6 * b.size, 1, number);
+  const std::vector<double> own(w.data() + 6 * b.rank,
+                                w.data() + 6 * b.rank + 6);
+  std::vector<Entry> entries;
+  for (std::int32_t i = 0; i < 6; ++i)
+    entries.push_back({i, i, 2.0});
+  const Matrix twice = create_from_entries(MPI_COMM_WORLD, 6, 6, entries);
+  ProjectedTangent tangent(interpolation(P0));
+  auto error = [&](const MatrixXd& K, Mat K_rows, const MatrixXd& Q)
+  {
+    const VectorXd expected = Q.transpose() * K * Q * w + 2 * w;
+    const Matrix A
+        = tangent.project(K_rows, interpolation(Q).get(), twice.get());
+    return difference(
+               multiply(A.get(), own),
+               {expected.data() + 6 * b.rank, expected.data() + 6 * b.rank + 6})
+           / expected.cwiseAbs().maxCoeff();
+  };
+  const Mat K = b.system.K.get();
+  CHECK(error(b.K, K, P0) < 1e-13);
+  CHECK(error(b.K, K, P) < 1e-13);
+  CHECK(error(b.K, K, 2 * P) < 1e-13);
+  // The same matrix with other values, and another one
+  check(MatScale(K, 3), "MatScale");
+  CHECK(error(3 * b.K, K, P) < 1e-13);
+  const Matrix other = b.rows(7 * b.K);
+  CHECK(error(7 * b.K, other.get(), P) < 1e-13);
+  // P0' K P0 is as it was
+  const VectorXd expected = 7 * P0.transpose() * b.K * P0 * w;
+  CHECK(difference(
+            multiply(tangent.project(other.get()).get(), own),
+            {expected.data() + 6 * b.rank, expected.data() + 6 * b.rank + 6})
+        < 1e-13 * expected.cwiseAbs().maxCoeff());
 }
 
 TEST_CASE("blocks at the diagonal, of nodes and of several together", "[mpi]")

@@ -5,7 +5,8 @@
 
 namespace dolfinx_mortar
 {
-/// @brief Give memory that has been freed back to the operating system.
+/// @brief Give memory that has been freed back to the operating system, where
+/// it is much.
 ///
 /// A library may have all arrays come from one heap, however large they are, as
 /// one that Debian's PETSc loads does. What temporary matrices leave lies

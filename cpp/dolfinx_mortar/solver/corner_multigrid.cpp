@@ -5,7 +5,6 @@
 #include "body_levels.h"
 #include <algorithm>
 #include <array>
-#include <dolfinx_mortar/common/unused_memory.h>
 
 using namespace dolfinx_mortar;
 
@@ -159,13 +158,11 @@ Matrix dolfinx_mortar::interpolate_motions(Mat P, const NewtonSystem& s,
 //-----------------------------------------------------------------------------
 CornerMultigrid::CornerMultigrid(MPI_Comm comm, const std::string& prefix,
                                  std::unique_ptr<ReducedOperator> A, Matrix P,
-                                 Mat more, MatNullSpace modes,
+                                 Matrix A_corners, MatNullSpace modes,
                                  std::vector<std::int32_t> together,
                                  const std::vector<Matrix>& levels)
     : _comm(comm), _together(std::move(together))
 {
-  const Matrix A_corners = A->project(P.get(), more);
-  give_back_memory();
   check(MatSetBlockSize(A_corners.get(), 3), "MatSetBlockSize");
   check(MatSetNearNullSpace(A_corners.get(), modes), "MatSetNearNullSpace");
   check(MatSetOption(A_corners.get(), MAT_SYMMETRIC, PETSC_TRUE),

@@ -57,14 +57,15 @@ public:
   /// @param[in] A Operator.
   /// @param[in] P Motions by those of the corners, from interpolate_motions:
   /// rows are displacement dofs, columns dofs of corners.
-  /// @param[in] more Added to Pᵀ A P where it is singular, of its size.
+  /// @param[in] A_corners Pᵀ A P, made regular.
   /// @param[in] modes Rigid body modes of the corners.
   /// @param[in] together Owned dofs that share a block, see DiagonalBlocks.
   /// @param[in] levels Interpolations of the corners' multigrid, see
   /// set_levels; empty where it has its own.
   CornerMultigrid(MPI_Comm comm, const std::string& prefix,
-                  std::unique_ptr<ReducedOperator> A, Matrix P, Mat more,
-                  MatNullSpace modes, std::vector<std::int32_t> together,
+                  std::unique_ptr<ReducedOperator> A, Matrix P,
+                  Matrix A_corners, MatNullSpace modes,
+                  std::vector<std::int32_t> together,
                   const std::vector<Matrix>& levels = {});
 
   // PETSc's objects point to this one

@@ -152,6 +152,7 @@ private:
 
   // Displacements by those of corners, null where multigrid has no such level
   Matrix _P;
+  std::unique_ptr<ProjectedTangent> _projected; // of the corners
   PetscHandle<PC, PCDestroy> _inner;
   std::unique_ptr<CornerMultigrid> _multigrid; // or this in place of it
   std::vector<Matrix> _aggregates; // of bodies; empty before they are needed

@@ -81,14 +81,28 @@ void ReducedPreconditioner::create_multigrid(std::unique_ptr<ReducedOperator> A)
   std::vector<std::int32_t> together;
   if (_s->tied or _R)
     together = followed_dofs(_comm, _W.get(), _s->fixed);
+  if (!_projected)
+  {
+    // What most rows of P are
+    std::vector<double> moves, corner_moves;
+    for (std::int8_t held : fixed)
+      moves.push_back(held ? 0.0 : 1.0);
+    for (std::int32_t dof : corner_dofs(_P.get()))
+      corner_moves.push_back(moves[dof]);
+    Matrix usual = duplicate(_P.get());
+    scale_rows(usual.get(), moves);
+    scale_columns(usual.get(), corner_moves);
+    _projected = std::make_unique<ProjectedTangent>(std::move(usual));
+  }
   std::vector<Matrix> levels;
   if (_aggregation and slides())
     levels = body_levels(A->unit(), modes.get());
   Matrix P = interpolate_motions(_P.get(), *_s, *_e, _W.get(), _R.get());
+  Matrix A_corners = A->project(P.get(), _W.get(), *_projected, U.get());
   give_back_memory();
   _multigrid = std::make_unique<CornerMultigrid>(
-      _comm, _prefix, std::move(A), std::move(P), U.get(), modes.get(),
-      std::move(together), levels);
+      _comm, _prefix, std::move(A), std::move(P), std::move(A_corners),
+      modes.get(), std::move(together), levels);
 }
 //-----------------------------------------------------------------------------
 bool ReducedPreconditioner::slides() const
@@ -156,15 +170,8 @@ std::vector<Matrix> ReducedPreconditioner::body_levels(double unit,
   }
   if (_aggregates.empty())
   {
-    Matrix K;
-    if (_P)
-    {
-      check(MatPtAP(_s->K.get(), _P.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT,
-                    K.put()),
-            "MatPtAP");
-    }
-    else
-      K = duplicate(_s->K.get());
+    const Matrix K
+        = _P ? _projected->project(_s->K.get()) : duplicate(_s->K.get());
     // Smoothers divide by the diagonal
     const std::vector<double> stiffness = diagonal(K.get());
     for (std::size_t i = 0; i < dofs.size(); ++i)

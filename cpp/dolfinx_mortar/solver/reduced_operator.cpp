@@ -77,11 +77,11 @@ ReducedOperator::ReducedOperator(const NewtonSystem& s, const Elimination& e,
         units.push_back({3 * node + i, 3 * node + j, _unit * Pi(i, j)});
     }
   }
-  const Matrix U = create_from_entries(s.comm, s.size_u, s.size_u, units);
-  std::vector<RowTerm> terms = {{KW.get()}, {WK.get()}, {WKW.get()}, {U.get()}};
-  const Matrix friction = create_friction(W);
-  if (friction)
-    terms.push_back({friction.get()});
+  _springs = create_from_entries(s.comm, s.size_u, s.size_u, units);
+  if (const Matrix friction = create_friction(W))
+    add(_springs.get(), 1.0, friction.get());
+  const std::vector<RowTerm> terms
+      = {{KW.get()}, {WK.get()}, {WKW.get()}, {_springs.get()}};
   _changes = combine_rows(terms);
   check(MatCreateVecs(K, _free.put(), nullptr), "MatCreateVecs");
 }
@@ -119,18 +119,17 @@ Matrix ReducedOperator::assemble() const
   return A;
 }
 //-----------------------------------------------------------------------------
-Matrix ReducedOperator::project(Mat P, Mat more) const
+Matrix ReducedOperator::project(Mat P, Mat W, ProjectedTangent& tangent,
+                                Mat more) const
 {
-  Matrix A, changes;
-  check(MatPtAP(_s->K.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT, A.put()),
+  const Matrix moved = multiply(W, P);
+  add(moved.get(), 1.0, P);
+  Matrix springs;
+  check(MatPtAP(_springs.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT,
+                springs.put()),
         "MatPtAP");
-  check(MatPtAP(_changes.get(), P, MAT_INITIAL_MATRIX, PETSC_DEFAULT,
-                changes.put()),
-        "MatPtAP");
-  // Small ones first
-  add(changes.get(), 1.0, more);
-  add(A.get(), 1.0, changes.get());
-  return A;
+  add(springs.get(), 1.0, more);
+  return tangent.project(_s->K.get(), moved.get(), springs.get());
 }
 //-----------------------------------------------------------------------------
 std::vector<Matrix3d> ReducedOperator::blocks() const

@@ -5,6 +5,7 @@
 
 #include "elimination.h"
 #include "newton_system.h"
+#include "projected_tangent.h"
 #include <Eigen/Dense>
 #include <span>
 #include <vector>
@@ -35,8 +36,12 @@ public:
   /// @brief A, as a matrix. Collective.
   Matrix assemble() const;
 
-  /// @brief Pᵀ A P + more for a P without rows of Dirichlet dofs. Collective.
-  Matrix project(Mat P, Mat more) const;
+  /// @brief Pᵀ A P + more. Collective.
+  /// @param[in] P Interpolation, without entries in rows of Dirichlet dofs.
+  /// @param[in] W The motions again.
+  /// @param[in,out] tangent Projects K.
+  /// @param[in] more Added to it.
+  Matrix project(Mat P, Mat W, ProjectedTangent& tangent, Mat more) const;
 
   /// @brief Blocks of A at the diagonal, 3 x 3, of the owned nodes.
   std::vector<Eigen::Matrix3d> blocks() const;
@@ -55,6 +60,7 @@ private:
 
   const NewtonSystem* _s;
   double _unit;
+  Matrix _springs; // A - (I + W)ᵀ K (I + W), but for Dirichlet dofs
   Matrix _changes; // A - K, but for Dirichlet dofs
   Vector _free;    // x, zero at Dirichlet dofs
 };
