@@ -7,6 +7,7 @@
 #include <dolfinx_mortar/solver/body_levels.h>
 #include <dolfinx_mortar/solver/corner_multigrid.h>
 #include <dolfinx_mortar/solver/diagonal_blocks.h>
+#include <dolfinx_mortar/solver/projected_tangent.h>
 
 using namespace dolfinx_mortar;
 using Eigen::Matrix3d;
@@ -200,6 +201,52 @@ TEST_CASE("a projected tangent, rows of the interpolation changed", "[mpi]")
             multiply(tangent.project(other.get()).get(), own),
             {expected.data() + 6 * b.rank, expected.data() + 6 * b.rank + 6})
         < 1e-13 * expected.cwiseAbs().maxCoeff());
+}
+
+TEST_CASE("a projected tangent, few rows of which change", "[mpi]")
+{
+  // A chain of nodes, the first three and the last two of a rank with a corner
+  const SmallBodies b;
+  unit::Numbers number(6);
+  MatrixXd K = b.K, P0 = MatrixXd::Zero(b.num_dofs, 6 * b.size);
+  for (int i = 0; i < b.num_dofs; ++i)
+  {
+    const int node = i / 3,
+              corner = 2 * (node / nodes_of_rank) + (node % nodes_of_rank > 2);
+    for (int j = 0; j < b.num_dofs; ++j)
+      K(i, j) *= std::abs(node - j / 3) <= 1;
+    P0.block<1, 3>(i, 3 * corner) = unit::random(1, 3, number);
+  }
+  // Nodes of the first rank change; its last one is next to one of another
+  MatrixXd first = P0, last = P0;
+  first.topRows(3) *= -1;
+  last.middleRows(3 * nodes_of_rank - 3, 3).setZero();
+  const Matrix K_rows = b.rows(K);
+  auto interpolation = [&](const MatrixXd& P)
+  {
+    return unit::from_dense(MPI_COMM_WORLD, P, b.first(), 3 * nodes_of_rank, 6,
+                            false);
+  };
+  std::vector<Entry> entries;
+  if (b.rank == 0)
+    entries.push_back({1, 1, 2.0});
+  const Matrix more = create_from_entries(MPI_COMM_WORLD, 6, 6, entries);
+  ProjectedTangent tangent(interpolation(P0));
+  const MatrixXd constant = P0.transpose() * K * P0;
+  for (const MatrixXd& P : {first, last, P0, last, first, first, P0})
+  {
+    MatrixXd expected = P.transpose() * K * P;
+    expected(1, 1) += 2;
+    const Matrix A
+        = tangent.project(K_rows.get(), interpolation(P).get(), more.get());
+    CHECK((unit::to_dense(A.get()) - expected).cwiseAbs().maxCoeff() < 1e-13);
+    const Matrix again = tangent.project(K_rows.get());
+    CHECK((unit::to_dense(again.get()) - constant).cwiseAbs().maxCoeff()
+          < 1e-13);
+    // Whoever changes the sum costs time, and no more
+    if (P == first)
+      check(MatScale(A.get(), 2), "MatScale");
+  }
 }
 
 TEST_CASE("blocks at the diagonal, of nodes and of several together", "[mpi]")

@@ -23,8 +23,8 @@ struct RowTerm
 ///
 /// A row that is one matrix's alone is copied, once: a large matrix with few
 /// rows changed costs little more than a copy.
-/// @param[in] terms At least one; different square matrices of the same layout,
-/// rows in blocks of three.
+/// @param[in] terms At least one; different matrices of the same layout, rows
+/// in blocks of three.
 /// @param[in] scale Factor of each local row; empty for ones.
 /// @param[in] unit Local rows to replace by unit rows.
 Matrix combine_rows(std::span<const RowTerm> terms,

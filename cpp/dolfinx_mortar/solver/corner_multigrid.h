@@ -57,7 +57,7 @@ public:
   /// @param[in] A Operator.
   /// @param[in] P Motions by those of the corners, from interpolate_motions:
   /// rows are displacement dofs, columns dofs of corners.
-  /// @param[in] A_corners Pᵀ A P, made regular.
+  /// @param[in] A_corners Pᵀ A P, made regular; it gets the near null space.
   /// @param[in] modes Rigid body modes of the corners.
   /// @param[in] together Owned dofs that share a block, see DiagonalBlocks.
   /// @param[in] levels Interpolations of the corners' multigrid, see

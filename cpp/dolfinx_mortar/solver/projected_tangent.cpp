@@ -2,10 +2,8 @@
 // SPDX-License-Identifier: MIT
 
 #include "projected_tangent.h"
-#include "combine_rows.h"
 #include <algorithm>
-#include <cstdint>
-#include <vector>
+#include <span>
 
 using namespace dolfinx_mortar;
 
@@ -26,6 +24,13 @@ std::vector<std::int8_t> nonzero_rows(Mat A)
   return flags;
 }
 
+PetscObjectState state(Mat A)
+{
+  PetscObjectState state;
+  check(MatGetState(A, &state), "MatGetState");
+  return state;
+}
+
 /// A without the rows that are not flagged. Collective.
 Matrix keep_rows(Mat A, std::span<const std::int8_t> rows)
 {
@@ -38,17 +43,20 @@ Matrix keep_rows(Mat A, std::span<const std::int8_t> rows)
 void ProjectedTangent::update(Mat K)
 {
   PetscObjectId id;
-  PetscObjectState state;
   check(PetscObjectGetId(reinterpret_cast<PetscObject>(K), &id),
         "PetscObjectGetId");
-  check(MatGetState(K, &state), "MatGetState");
-  if (_last and id == _id and state == _state)
+  if (_last and id == _id and state(K) == _state
+      and state(_last.get()) == _last_state)
+  {
     return;
+  }
   _others.reset();
   check(MatPtAP(K, _P0.get(), MAT_INITIAL_MATRIX, PETSC_DEFAULT, _last.put()),
         "MatPtAP");
+  check(MatProductClear(_last.get()), "MatProductClear");
   _id = id;
-  _state = state;
+  _state = state(K);
+  _last_state = state(_last.get());
 }
 //-----------------------------------------------------------------------------
 std::vector<RowTerm> ProjectedTangent::constant() const
@@ -90,11 +98,12 @@ Matrix ProjectedTangent::project(Mat K, Mat P, Mat more)
       from_last[row] = changed[row] and _same[row];
   }
   std::vector<RowTerm> sum = constant(), rest = {{_last.get(), from_last}};
-  sum.push_back({D.get()});
+  sum.push_back({D.get(), changed});
   if (_others)
     rest.push_back({_others.get(), changed});
   Matrix others = combine_rows(rest);
   _last = combine_rows(sum);
+  _last_state = state(_last.get());
   _others = std::move(others);
   _same = std::move(same);
   return _last;

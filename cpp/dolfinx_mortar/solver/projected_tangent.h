@@ -6,6 +6,7 @@
 #include "combine_rows.h"
 #include <cstdint>
 #include <dolfinx_mortar/assembly/petsc.h>
+#include <utility>
 #include <vector>
 
 namespace dolfinx_mortar
@@ -17,9 +18,9 @@ namespace dolfinx_mortar
 ///     Pᵀ K P = P₀ᵀ K P₀ + H + Hᵀ,    H = ½ Δᵀ K (P₀ + P),
 ///
 /// of which the first term is computed once for each K, and H takes but few
-/// rows of K: a tenth of the work. No copy of the first term is kept, but the
-/// rows of it that the last result has others in place of. Where K is not
-/// symmetric, changes are those of its rows, symmetrised: near enough for a
+/// rows of K: a tenth of the work. Of the first term only the rows are stored
+/// that differ in the last result. Where K is not symmetric, the result is that
+/// for P₀ with the changes of a symmetric matrix: near enough for a
 /// preconditioner.
 class ProjectedTangent
 {
@@ -32,7 +33,8 @@ public:
   /// it is that, unchanged.
   /// @param[in] P Interpolation, of the layout of P₀.
   /// @param[in] more Added to it, with few rows.
-  /// @return The sum; its values must stay as they are.
+  /// @return The sum, shared with this object: where its values are changed,
+  /// the next call computes all of it anew.
   Matrix project(Mat K, Mat P, Mat more);
 
   /// @brief P₀ᵀ K P₀. Collective.
@@ -50,8 +52,8 @@ private:
   Matrix _P0, _last, _others;
   std::vector<std::int8_t> _same;
 
-  // What it is of
+  // The tangent that the last result is of, and the states of both
   PetscObjectId _id = 0;
-  PetscObjectState _state = 0;
+  PetscObjectState _state = 0, _last_state = 0;
 };
 } // namespace dolfinx_mortar

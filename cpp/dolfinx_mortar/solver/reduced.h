@@ -6,6 +6,7 @@
 #include "corner_multigrid.h"
 #include "elimination.h"
 #include "newton_system.h"
+#include "projected_tangent.h"
 #include <functional>
 #include <memory>
 #include <span>

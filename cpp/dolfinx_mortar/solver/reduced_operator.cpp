@@ -3,6 +3,7 @@
 
 #include "reduced_operator.h"
 #include "combine_rows.h"
+#include "projected_tangent.h"
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>

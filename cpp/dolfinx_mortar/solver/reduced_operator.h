@@ -5,13 +5,14 @@
 
 #include "elimination.h"
 #include "newton_system.h"
-#include "projected_tangent.h"
 #include <Eigen/Dense>
 #include <span>
 #include <vector>
 
 namespace dolfinx_mortar
 {
+class ProjectedTangent;
+
 /// @brief Tangent of motions that do not change the constraints,
 ///
 ///     A = (I + W)ᵀ (K + Bᵀ S B) (I + W),
